@@ -172,6 +172,18 @@ def uses_sundials(instance: Instance) -> bool:
     return "ida" in instance.given.memory._fields
 
 
+def supported_events(simulation: Simulation) -> tuple[bool, bool, str]:
+    """Return whether impulses, and locks of joints, are supported, and a description of such models if they are not."""
+    system, jumps = simulation.compiled.system, FAMILIES[family_of(simulation)].jumps
+    if jumps is None:
+        return False, False, "large models with cut joints or couplings"
+    if system.m:
+        return True, False, "models with cut joints or couplings"
+    if len(simulation.compiled.data.state.bearings):
+        return True, False, "models with joint friction that follows reactions"
+    return True, jumps.locks, f"large models with the solver {simulation.solver_choice.solver!r}"
+
+
 def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Instance, MemoryImage]:
     """Return the instance of a simulation that has just been made, and its block; see :func:`instance_of`.
 
@@ -216,7 +228,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             "not-native",
         )
     events = simulation.compiled.mechanism.events
-    refuse_unsupported(events, is_large=not FAMILIES[family].has_factors)
+    refuse_unsupported(events, *supported_events(simulation))
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
     compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
     tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]

@@ -1,9 +1,4 @@
-"""Actions of the events of a native FMU: kernels over an instance that has matrices, and those of any instance.
-
-They do what :mod:`mbfmu.session.events` and :mod:`mbfmu.session.impulses` do in Python. The jump of the velocities by
-an impulse is found by the factors of the solver: M dv + J^T Lambda = p and J dv = 0 are the equations of motion with p
-in place of the forces.
-"""
+"""Actions of the events of a native FMU: kernels over an instance, as :mod:`mbfmu.session.events` in Python."""
 
 from __future__ import annotations
 
@@ -13,24 +8,18 @@ import numpy as np
 
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.session.events import MIN_EVENTS_TIME_RATIO
-from mbfmu.session.impulses import CONTRADICTION, DEPENDENT_ROW_RATIO
+from mbfmu.session.impulses import CONTRADICTION
 from mbfmu.session.kernels.event_points import BEGIN, VALUES, EventSearch
 from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
 from solvers.compiled.kernel import kernel
-from solvers.linalg.dense import rank_at
-from solvers.outcome import OK
-from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regular_acceleration
-from solvers.projection.workspace import evaluate_and_factor
 
 from .event_memory import (
     BEYOND,
     BOUNCE,
     END_RUN,
-    MASSLESS,
+    LOCK,
     NO_FAILURE,
-    PRESCRIBED,
     RESTING,
-    SINGULAR,
     TOO_MANY,
     EventMemory,
 )
@@ -126,46 +115,6 @@ def record_events(events: EventMemory, search: EventSearch, t: float, duration: 
 
 
 @kernel
-def respond_to_impulse(instance: Any, impulse: Any, response: Any) -> int:
-    """Fill the jump of the velocities (n,) by an impulse (n,) at the reported state; return one of FAILURES.
-
-    The terms and factors of the state are those of the last :func:`evaluate_and_factor`.
-    """
-    eqs, work, rank = instance.eqs, instance.work, instance.given.memory.control[0].rank
-    if rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO) < rank:
-        return SINGULAR
-    n = impulse.shape[0]
-    for i in range(n):
-        eqs.terms.h[i] = -impulse[i]
-    for i in range(eqs.terms.gamma.shape[0]):
-        eqs.terms.gamma[i] = 0.0
-    if evaluate_regular_acceleration(eqs.terms, rank, work, response) != OK:
-        return MASSLESS
-    given, pushed = 0.0, 0.0  # squares of the impulse, and of the part that the constraints let move something
-    for i in range(n):
-        given += (work.size[i] * impulse[i]) ** 2
-    for k in range(n - rank):
-        part = 0.0
-        for i in range(n):
-            part += work.T[k, i] * impulse[i]
-        pushed += part * part
-    for i in range(n):
-        response[i] *= 1.0 if pushed > DEPENDENT_ROW_RATIO**2 * given else 0.0
-    return NO_FAILURE
-
-
-@kernel
-def fill_impulse_jump(instance: Any, place: int, value: float) -> int:
-    """Fill the jump of the velocities by an impulse on one coordinate; return one of FAILURES."""
-    events = instance.events
-    evaluate_and_factor(instance.eqs, instance.clock[0], instance.q, instance.v, instance.work)
-    for i in range(events.impulse.shape[0]):
-        events.impulse[i] = value if i == place else 0.0
-    found: int = respond_to_impulse(instance, events.impulse, instance.dv)
-    return found
-
-
-@kernel
 def fill_approach_rates(instance: Any, v: Any, rates: Any) -> None:
     """Fill the rates (k,) of sensors towards their stops at velocities v (n,)."""
     search = instance.search
@@ -246,59 +195,23 @@ def solve_impacts(events: EventMemory) -> int:
 
 
 @kernel
-def fill_bounce_jump(instance: Any) -> bool:
-    """Fill the jump of the velocities by the impacts of the stops that are due; False: there is none, or it stops the
-    run.
-    """
-    events, is_any = instance.events, False
-    n, count = events.impulse.shape[0], events.sensed.shape[0]
-    for k in range(count):
-        events.hit[k] = 0
-    for row in range(events.actions.shape[0]):
-        action = events.actions[row]
-        if action.kind == BOUNCE and events.due[action.event] == 1:
-            events.hit[action.place], is_any = 1, True
-    if not is_any:
-        return False
-    fill_slopes(instance)
-    evaluate_and_factor(instance.eqs, instance.clock[0], instance.q, instance.v, instance.work)
-    for k in range(count):
-        if events.hit[k] == 0:
-            continue
-        for i in range(n):
-            events.impulse[i] = -events.slopes[k, i]
-        failure = respond_to_impulse(instance, events.impulse, instance.dv)
-        if failure != NO_FAILURE:
-            stop_by_event(events, events.sensed[k], failure)
-            return False
-        for i in range(n):
-            events.responses[k, i] = instance.dv[i]
-    fill_approach_rates(instance, instance.v, events.demand)
-    for row in range(events.actions.shape[0]):
-        action = events.actions[row]
-        if action.kind == BOUNCE and events.hit[action.place] == 1:
-            rate = events.demand[action.place]
-            events.demand[action.place] = rate + events.values[row] * max(rate, 0.0)
-    for k in range(count):
-        for j in range(count):
-            events.effects[k, j] = 0.0
-            for i in range(n):
-                events.effects[k, j] -= events.slopes[k, i] * events.responses[j, i] if events.hit[j] == 1 else 0.0
-    wrong = solve_impacts(events)
-    if wrong >= 0:
-        stop_by_event(events, events.sensed[wrong], PRESCRIBED)
-        return False
-    for i in range(n):
-        instance.dv[i] = 0.0
-        for k in range(count):
-            instance.dv[i] += events.impulses[k] * events.responses[k, i] if events.hit[k] == 1 else 0.0
-    return True
-
-
-@kernel
 def end_if_requested(events: EventMemory) -> None:
     """Note that the run ends if one of the events that are due ends it."""
     for row in range(events.actions.shape[0]):
         action = events.actions[row]
         if action.kind == END_RUN and events.due[action.event] == 1:
             end_by_event(events, action.event)
+
+
+@kernel
+def release_sides(events: EventMemory, search: EventSearch, rtol: float) -> None:
+    """Let the sensors of events that lock a joint leave their values without a crossing, as at a start: a quantity that
+    rests at its value has rounding errors of any sign.
+    """
+    is_any = False
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        is_any = is_any or (action.kind == LOCK and events.due[action.event] == 1)
+    for k in range(events.sensed.shape[0] if is_any else 0):
+        if events.due[events.sensed[k]] == 1 and search.stops[k] == 0:
+            search.found[k], search.sides[k], search.bands[k] = 0, 0, rtol * events.nominals[k]

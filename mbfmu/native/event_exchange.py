@@ -21,13 +21,22 @@ from .event_actions import (
     check_stops,
     collect_due,
     end_if_requested,
-    fill_bounce_jump,
-    fill_impulse_jump,
     next_event_time,
     record_events,
+    release_sides,
     stop_by_event,
 )
-from .event_memory import EVENT_FAILED, EVENT_REQUESTED_CODE, IMPULSE, NO_FAILURE, RUN_ENDED_CODE, SET_INPUT
+from .event_jumps import NO_JUMPS, hold_joint, jump_kernels, release_joint
+from .event_memory import (
+    EVENT_FAILED,
+    EVENT_REQUESTED_CODE,
+    IMPULSE,
+    LOCK,
+    NO_FAILURE,
+    RELEASE,
+    RUN_ENDED_CODE,
+    SET_INPUT,
+)
 from .exchange_memory import NEXT_EVENT, pack_states
 from .exchange_times import begin_evaluation
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
@@ -75,7 +84,8 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     ``update`` is the entry point ``exchange_update``, which updates at an event.
     """
     project_at, keep, restore = formulation.project, formulation.keep, formulation.restore
-    makes_jumps, update_at = family.has_factors, jit_uncached(update)
+    makes_jumps, update_at = family.jumps is not None, jit_uncached(update)
+    bounce, push, lock = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
 
     @jit_uncached
     def evaluate(instance: Any, t: float) -> int:
@@ -109,7 +119,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     def act(instance: Any) -> None:
         """Execute the actions of the events that are due."""
         events, control = instance.events, instance.events.control[0]
-        if makes_jumps and fill_bounce_jump(instance):
+        if bounce(instance):
             let_jump(instance)
         for row in range(events.actions.shape[0]):
             action = events.actions[row]
@@ -117,11 +127,22 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
                 continue
             if action.kind == SET_INPUT:
                 start_input(instance.inputs, action.place, events.values[row], instance.clock[0])
-            elif makes_jumps and action.kind == IMPULSE:
-                failure = fill_impulse_jump(instance, action.place, events.values[row])
+            elif action.kind == IMPULSE:
+                failure = push(instance, action.place, events.values[row])
                 if failure == NO_FAILURE:
                     let_jump(instance)
                 else:
+                    stop_by_event(events, action.event, failure)
+            elif action.kind == LOCK and events.locks[action.place].is_locked == 0:
+                failure = lock(instance, action.place)
+                if failure == NO_FAILURE:
+                    let_jump(instance)
+                    hold_joint(instance, action.place)
+                else:
+                    stop_by_event(events, action.event, failure)
+            elif action.kind == RELEASE:
+                failure = release_joint(instance, action.place)
+                if failure != NO_FAILURE:
                     stop_by_event(events, action.event, failure)
         end_if_requested(events)
         record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
@@ -164,6 +185,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         if control.ended == 0 and fill_sample_jump(instance, SAME_TIME_RATIO * max(1.0, abs(t))):
             let_jump(instance)
             pack_states(instance.q, instance.v, instance.exchange)
+        release_sides(events, search, instance.options[0].rtol)
         take_sides(search)
         code = update_at(instance, t)
         if code == OK:

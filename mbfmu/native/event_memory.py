@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
-from mbfmu.mechanics.events import Action, Bounce, EndRun, Event, Impulse, SetInput
+from mbfmu.mechanics.events import Action, Bounce, EndRun, Event, Impulse, Lock, Release, SetInput
 from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
 from mbfmu.util.errors import UserError
 from solvers.compiled.record import Record, f8, i8
@@ -18,13 +18,17 @@ from solvers.system import Array
 if TYPE_CHECKING:
     from solvers.compiled.record import Table
 
-SET_INPUT, IMPULSE, END_RUN, BOUNCE = range(4)  # kinds of actions
-ACTION_KINDS: dict[type[Action], int] = {SetInput: SET_INPUT, Impulse: IMPULSE, EndRun: END_RUN, Bounce: BOUNCE}
+SET_INPUT, IMPULSE, END_RUN, BOUNCE, LOCK, RELEASE = range(6)  # kinds of actions
+ACTION_KINDS: dict[type[Action], int] = {
+    SetInput: SET_INPUT, Impulse: IMPULSE, EndRun: END_RUN, Bounce: BOUNCE, Lock: LOCK, Release: RELEASE
+}  # fmt: skip
 # Codes of a step in addition to those of solvers.outcome: an event has ended the run, or stops it with an error
 RUN_ENDED_CODE, EVENT_FAILED = -10, -11
+NEVER_LOCKED = -1  # in place of the number of a joint that no event locks
 EVENT_REQUESTED_CODE = -12  # a completed step in model exchange has ended at an event
-FAILURES = ("NONE", "TOO_MANY", "RESTING", "MASSLESS", "PRESCRIBED", "SINGULAR", "BEYOND")  # why an event stops a run
-NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND = range(len(FAILURES))
+# Why an event stops a run
+FAILURES = ("NONE", "TOO_MANY", "RESTING", "MASSLESS", "PRESCRIBED", "SINGULAR", "BEYOND", "NOT_LOCKED")
+NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND, NOT_LOCKED = range(len(FAILURES))
 
 
 class EventControlRecord(Record):
@@ -43,7 +47,19 @@ class ActionRecord(Record):
 
     event: i8  # number of the event
     kind: i8
-    place: i8  # number of the input, or of the velocity on which an impulse acts; of the sensor of a bounce
+    # number of the input; of the velocity on which an impulse acts; of the sensor of a bounce; of the joint of a lock
+    place: i8
+
+
+class LockRecord(Record):
+    """A joint that events lock."""
+
+    body: i8
+    position: i8  # place of its coordinate in the free positions, and in the free velocities
+    velocity: i8
+    signal: i8  # number of the signal that it follows while it is locked, and of the polynomial of this signal
+    polynomial: i8
+    is_locked: i8
 
 
 class EventMemory(NamedTuple):
@@ -55,13 +71,15 @@ class EventMemory(NamedTuple):
     times: Array  # (m,) s
     values: Array  # (a,) values of inputs, impulses, coefficients of restitution
     actions: Table[ActionRecord]  # (a,), in the order of the events and of their actions
+    locks: Table[LockRecord]  # of the joints that events lock
+    nominals: Array  # (k,) typical sizes of the sensors
     sensed: NDArray[np.int64]  # (k,) numbers of the events that have sensors
     timed: NDArray[np.int64]  # (m,) numbers of the events of given times
     done: NDArray[np.int64]  # (m,) 1: this event has occurred, or is before the start
     due: NDArray[np.int64]  # (events,) 1: the event is at the reported state
     recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
     bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
-    # scratch of impacts: of k sensors, n velocities
+    # scratch of impacts: of k sensors, n velocities, nq positions
     hit: NDArray[np.int64]
     slopes: Array  # (k, n)
     responses: Array  # (k, n)
@@ -70,22 +88,31 @@ class EventMemory(NamedTuple):
     impulses: Array
     rates: Array  # (k,)
     impulse: Array  # (n,)
+    position_rate: Array  # (nq,)
 
     @staticmethod
     def allocate(
-        actions: Any, numbers: Array, sensed: Sequence[int], timed: Sequence[int], events: int, n: int
+        actions: Any,
+        locks: Any,
+        numbers: Array,
+        sensed: Sequence[int],
+        timed: Sequence[int],
+        events: int,
+        nominals: Array,
+        sizes: tuple[int, int],
     ) -> EventMemory:
-        """Return events that have not begun."""
+        """Return events that have not begun; ``sizes`` are nq and n."""
         k, m, z, i = len(sensed), len(timed), np.zeros, np.int64
+        nq, n = sizes
         parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m :]
-        which = actions, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
+        which = actions, locks, nominals, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
         history = z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1))
-        scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n)
+        scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n), z(nq)
         return EventMemory._make((EventControlRecord.zeros(1), *parts, *which, *history, *scratch))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        return [self.control, self.numbers, self.done, self.recent, self.bounces]
+        return [self.control, self.numbers, self.locks, self.done, self.recent, self.bounces]
 
 
 class StepBegin(NamedTuple):
@@ -132,6 +159,8 @@ def event_structure(mechanism: Any) -> list[tuple[Any, ...]]:
 def _structure(action: Action) -> tuple[Any, ...]:
     if isinstance(action, Impulse):
         return Impulse, action.body.index, action.coordinate
+    if isinstance(action, Lock | Release):
+        return type(action), action.joint.index
     return type(action), getattr(action, "name", "")
 
 
@@ -142,7 +171,8 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
     sensed = [k for k, event in enumerate(events) if event.sensor is not None]
     timed = [k for k, event in enumerate(events) if event.sensor is None]
     listed = [(k, action) for k, event in enumerate(events) for action in event.actions]
-    actions = ActionRecord.zeros(len(listed))
+    actions, locks = ActionRecord.zeros(len(listed)), lock_records(compiled)
+    locked = locks["body"].tolist()
     for row, (k, action) in zip(actions, listed, strict=True):
         row["event"], row["kind"] = k, ACTION_KINDS[type(action)]
         if isinstance(action, SetInput):
@@ -151,27 +181,47 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
             row["place"] = int(compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate
         elif isinstance(action, Bounce):
             row["place"] = sensed.index(k)
-    return EventMemory.allocate(actions, event_numbers(compiled.mechanism), sensed, timed, len(events), system.n)
+        elif isinstance(action, Lock | Release):
+            row["place"] = locked.index(action.joint.index) if action.joint.index in locked else NEVER_LOCKED
+    own_events = event_numbers(compiled.mechanism), sensed, timed, len(events)
+    units = [event.sensor.unit for event in events if event.sensor is not None]
+    nominals = np.array([compiled.nominal(unit) for unit in units] if len(locks) else np.zeros(len(units)))
+    return EventMemory.allocate(actions, locks, *own_events, nominals, (system.nq, system.n))
+
+
+def lock_records(compiled: CompiledMechanism) -> Any:
+    """Return the joints that events of a compiled mechanism lock."""
+    arrays, signals = compiled.data.arrays, compiled.locks.signals
+    polynomials, locks = compiled.inputs.own.polynomials, LockRecord.zeros(len(signals))
+    first = polynomials.ctypes.data - arrays.memory.ctypes.data
+    for record, (body, number) in zip(locks, signals.items(), strict=True):
+        own = arrays.bodies[body]
+        record["body"], record["position"], record["velocity"], record["signal"] = body, own["qf"], own["vf"], number
+        record["polynomial"] = (int(arrays.signals[number]["at"]) - first) // polynomials.itemsize
+    return locks
 
 
 def empty_memory() -> EventMemory:
     """Return events of the types that all have, without any event."""
-    return EventMemory.allocate(ActionRecord.zeros(1), np.zeros(3), [0], [0], 1, 1)
+    records = ActionRecord.zeros(1), LockRecord.zeros(1)
+    return EventMemory.allocate(*records, np.zeros(3), [0], [0], 1, np.zeros(1), (1, 1))
 
 
-def refuse_unsupported(events: Sequence[Event], is_large: bool) -> None:
+def refuse_unsupported(events: Sequence[Event], jumps: bool, locks: bool, size: str) -> None:
     """Raise UserError if native FMUs do not support one of these events.
 
-    ``is_large``: the equations of motion are not available as matrices.
+    ``jumps`` and ``locks`` state whether impulses, and locks of joints, are supported; ``size`` describes such models
+    if they are not.
     """
-    allowed = [kind.__name__ for kind in ACTION_KINDS if not is_large or kind not in (Impulse, Bounce)]
+    left_out = {*(() if jumps else (Impulse, Bounce)), *(() if locks else (Lock, Release))}
+    allowed = [kind.__name__ for kind in ACTION_KINDS if kind not in left_out]
     for event in events:
         for action in event.actions:
             kind = type(action).__name__
             if kind not in allowed:
+                where = f" in {size}" if type(action) in left_out else ""
                 raise UserError(
-                    f"native FMUs do not support the action {kind} of event {event.name!r}"
-                    f"{' in large models' if is_large else ''}; allowed: {', '.join(allowed)}. Remove the action, or "
-                    "export the model with --python",
+                    f"native FMUs do not support the action {kind} of event {event.name!r}{where}; allowed: "
+                    f"{', '.join(allowed)}. Remove the action, or export the model with --python",
                     "not-native",
                 )

@@ -20,13 +20,13 @@ from .event_actions import (
     check_stops,
     collect_due,
     end_if_requested,
-    fill_bounce_jump,
-    fill_impulse_jump,
     next_event_time,
     record_events,
+    release_sides,
     stop_by_event,
 )
-from .event_memory import EVENT_FAILED, IMPULSE, NO_FAILURE, RUN_ENDED_CODE, SET_INPUT
+from .event_jumps import NO_JUMPS, hold_joint, jump_kernels, release_joint
+from .event_memory import EVENT_FAILED, IMPULSE, LOCK, NO_FAILURE, RELEASE, RUN_ENDED_CODE, SET_INPUT
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 
 
@@ -159,7 +159,9 @@ def step_actions(family: Any, solver: SolverActions) -> StepActions:
 
 def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dict[str, Callable[..., int]]:
     """Return the entry points of models with events by their names; all take an instance and a time, s."""
-    search, jump, makes_jumps = search_of(step_actions(family, solver), jit_uncached), solver.jump, family.has_factors
+    search, jump, restart = search_of(step_actions(family, solver), jit_uncached), solver.jump, solver.restart
+    makes_jumps = family.jumps is not None
+    bounce, push, lock = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
     begin_search, advance = jit_uncached(search.begin), jit_uncached(search.advance)
     begin_step, set_input = jit_uncached(sequence.begin_step), jit_uncached(sequence.set_input)
 
@@ -172,17 +174,30 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
         account_discontinuity(instance.session, before, t, q, v)
 
     @jit_uncached
-    def bounce(instance: Any) -> None:
-        if makes_jumps and fill_bounce_jump(instance):
-            let_jump(instance)
-
-    @jit_uncached
     def apply_impulse(instance: Any, event: int, place: int, value: float) -> None:
-        if not makes_jumps:
-            return
-        failure = fill_impulse_jump(instance, place, value)
+        failure = push(instance, place, value)
         if failure == NO_FAILURE:
             let_jump(instance)
+        else:
+            stop_by_event(instance.events, event, failure)
+
+    @jit_uncached
+    def lock_joint(instance: Any, event: int, place: int) -> None:
+        if instance.events.locks[place].is_locked == 1:
+            return
+        failure = lock(instance, place)
+        if failure != NO_FAILURE:
+            stop_by_event(instance.events, event, failure)
+            return
+        let_jump(instance)
+        hold_joint(instance, place)
+        restart(instance)
+
+    @jit_uncached
+    def unlock_joint(instance: Any, event: int, place: int) -> None:
+        failure = release_joint(instance, place)
+        if failure == NO_FAILURE:
+            restart(instance)
         else:
             stop_by_event(instance.events, event, failure)
 
@@ -190,7 +205,8 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
     def act(instance: Any) -> int:
         """Execute the actions of the events that are due."""
         events, control, code = instance.events, instance.events.control[0], OK
-        bounce(instance)
+        if bounce(instance):
+            let_jump(instance)
         control.changed = 0
         for row in range(events.actions.shape[0]):
             action = events.actions[row]
@@ -201,6 +217,11 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
                 control.changed = 1
             elif action.kind == IMPULSE:
                 apply_impulse(instance, action.event, action.place, events.values[row])
+            elif action.kind == LOCK:
+                lock_joint(instance, action.event, action.place)
+            elif action.kind == RELEASE:
+                unlock_joint(instance, action.event, action.place)
+        release_sides(events, instance.search, instance.options[0].rtol)
         end_if_requested(events)
         record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
         if code == OK and control.failure != NO_FAILURE:

@@ -71,6 +71,8 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
     compiled = simulation.compiled
     if any(has_state(own.signature, own.words) for own in user_kernels(compiled.called())):
         return "user-defined elements have no kernels for complex numbers"
+    if compiled.locks.can_lock:
+        return "events lock joints"
     if len(compiled.data.state.bearings):
         return "joint friction follows the reaction of its joint"
     moving = compiled.inputs.supports()

@@ -56,11 +56,13 @@ from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
 from . import eliminated
 from .closing import close_positions, close_velocities
+from .event_jumps import DENSE_JUMPS, IMPLICIT_TREE_JUMPS, TREE_JUMPS, Jumps, lockable_dynamics, lockable_motion
 from .event_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
 from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
 
 DENSE_KERNELS = {name: getattr(recursions, name) for name in Equations._fields[:-2]}
+DENSE_KERNELS |= {"dynamics": lockable_dynamics, "motion": lockable_motion}
 
 
 class ExplicitTreeEquations(NamedTuple):
@@ -68,6 +70,7 @@ class ExplicitTreeEquations(NamedTuple):
 
     forward: Any
     inverse: Any
+    mobility: Any
     retract: Any
     power: Any
     evaluate_energy_bound: Any
@@ -78,7 +81,7 @@ class ExplicitTreeEquations(NamedTuple):
 
 EXPLICIT_KERNELS = {name: getattr(recursions, name) for name in ExplicitTreeEquations._fields[:-1]}
 EXPLICIT_KERNELS["power"] = recursions.solved_power
-MORE_OF_TREES = "mesh_motion", "mobility", "constraints", "position"
+MORE_OF_TREES = "mesh_motion", "constraints", "position"
 TREE_KERNELS = EXPLICIT_KERNELS | {name: getattr(recursions, name) for name in MORE_OF_TREES}
 TREE_KERNELS |= {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
 
@@ -134,7 +137,7 @@ class Family(NamedTuple):
     evaluates_placed: bool = True  # whether an evaluation leaves the bodies at the reported state
     formulation: Callable[[Any, Any], tuple[Any, Any]] = whole_of  # (eqs, work) -> those of the Instance
     steps: StepKernels = ADAMS_STEPS
-    has_factors: bool = False  # whether the Instance has factors of the constraints, so that impulses are possible
+    jumps: Jumps | None = None  # how impulses change the velocities; None: they are not supported
 
 
 @kernel
@@ -336,36 +339,37 @@ FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
         assemble_dense, begin_adams, evaluate_dense, solve_dense, True, checks_or_watches_energy, ADAMS_KERNELS,
-        has_factors=True,
+        jumps=DENSE_JUMPS,
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
         assemble_dense, begin_radau, evaluate_dense, solve_dense, True, checks_energy, RadauMethod.kernels,
-        steps=ONE_STEP_STEPS, has_factors=True,
+        steps=ONE_STEP_STEPS, jumps=DENSE_JUMPS,
     ),
     "ida": Family(
         dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
         assemble_dense, begin_ida, evaluate_dense, solve_dense, True, checks_energy, dense_ida.IDA_KERNELS,
-        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False, steps=IDA_STEPS, has_factors=True,
+        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False, steps=IDA_STEPS, jumps=DENSE_JUMPS,
     ),
     "tree": Family(
         tree_loop, EXPLICIT_KERNELS, _explicit_equations, History.allocate,
         lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
         assemble_tree, begin_tree, evaluate_tree, evaluate_tree, False, checks_energy, ADAMS_KERNELS, balance=no_search,
+        jumps=TREE_JUMPS,
     ),
     "esdirk": Family(
         esdirk, TREE_KERNELS, _tree_equations, ESDIRKMemory.allocate, Work.allocate,
         assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         ESDIRK_KERNELS,
         restore=esdirk.discard_factors, balance=no_search, structure=STRUCTURED_TANGENT, uses_tangent=True,
-        steps=ONE_STEP_STEPS,
+        steps=ONE_STEP_STEPS, jumps=IMPLICIT_TREE_JUMPS,
     ),
     "tree_ida": Family(
         tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
         assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
         tree_ida.IDA_KERNELS,
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
-        structure=STRUCTURED_TANGENT, uses_tangent=True, steps=IDA_STEPS,
+        structure=STRUCTURED_TANGENT, uses_tangent=True, steps=IDA_STEPS, jumps=IMPLICIT_TREE_JUMPS,
     ),
     "eliminated": Family(
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,

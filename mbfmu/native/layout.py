@@ -182,6 +182,7 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "LIMITED_RTOL_TEXT": LIMITED_RTOL,
     "LIMITED_TOLERANCE_TEXT": LIMITED_TOLERANCE,
     "MASSLESS_EVENT_TEXT": run_messages.MASSLESS_EVENT,
+    "NOT_LOCKED_TEXT": run_messages.NOT_LOCKED,
     "PRESCRIBED_BOUNCE_TEXT": run_messages.PRESCRIBED_BOUNCE,
     "RESTING_BOUNCE_TEXT": run_messages.RESTING_BOUNCE,
     "RUN_ENDED_TEXT": run_messages.RUN_ENDED,

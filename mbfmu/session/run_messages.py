@@ -85,6 +85,11 @@ SINGULAR_EVENT = Diagnostic.error(
     "where the velocities after the event are not unique",
     "Let the event occur at another position of the loop, or change the lengths of the loop",
 )
+NOT_LOCKED = Diagnostic.error(
+    "not-locked",
+    "event {name!r} releases a joint at t = {t:.9g} s that is not locked",
+    "Release a joint only after a Lock of this joint, or change the order of the events",
+)
 PRESCRIBED_BOUNCE = Diagnostic.error(
     "prescribed-bounce",
     "event {name!r} cannot bounce at t = {t:.9g} s: drives, loop-closing joints or other stops prescribe the rate of "

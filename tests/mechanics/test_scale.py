@@ -43,6 +43,16 @@ def test_length_is_of_the_parts_and_not_of_where_they_are(scale: float, origin: 
     np.testing.assert_allclose(compiled.system.row_size, [0.4 * scale, 0.4 * scale])  # x, y; z, zx, zy are zero
 
 
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+def test_an_elastic_body_without_sections_counts_with_its_length(length: float) -> None:
+    m = Mechanism()
+    own = Beam(length=length, mass=1.0, bending_stiffness=5.0 * length**3, modes=2, ends=("clamped", "free"))
+    m.flexible_body("beam", m.ground, Translational(axis="y"), own)
+    compiled = CompiledMechanism(m)
+    assert compiled.length == length
+    assert compiled.system.size == pytest.approx(np.full(3, length))
+
+
 def test_rows_of_turns_are_measured_in_radians() -> None:
     m = Mechanism()
     bar = m.body("bar", m.ground, Floating(), **rod(mass=1.0, length=2.0))

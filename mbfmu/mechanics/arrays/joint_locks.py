@@ -51,6 +51,8 @@ class JointLocks:
         Whether drives move the mechanism.
     can_lock
         Whether events lock joints.
+    signals
+        Numbers of the signals that joints follow while they are locked, by the numbers of their bodies.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class JointLocks:
         system: AnySystem,
     ) -> None:
         self._arrays, self._systems, self.system = arrays, systems, system
+        self.signals = dict(numbering.holds)
         self._signals = {body: (number, signals[number]) for body, number in numbering.holds.items()}
         self.held: dict[int, float] = {}
         self._kept, self._is_read = arrays.kept.copy(), find_read_rows(mechanism, arrays)

@@ -77,7 +77,8 @@ def spans(mechanism: Mechanism, arrays: Arrays) -> Array:
         for body, point in zip(acting.bodies, acting.load.points(), strict=False):
             points[body.index].append(np.asarray(point, float))
     held = [handle.cut.extent() for handle in mechanism.cuts]
-    return np.array([*(_span(np.array(own)) for own in points.values()), *held, *arrays.nodes["x"]])
+    elastic = [*arrays.nodes["x"], *(handle.elastic.size for handle in mechanism.flexible_bodies)]
+    return np.array([*(_span(np.array(own)) for own in points.values()), *held, *elastic])
 
 
 def _span(points: Array) -> float:

@@ -85,6 +85,11 @@ class Beam:
                 f"with {self.elements} elements between {self.ends[0]} and {self.ends[1]} ends"
             )
 
+    @property
+    def size(self) -> float:
+        """Length, m, as of every elastic body."""
+        return self.length
+
     @cached_property
     def _free(self) -> NDArray[np.bool_]:
         """Which of (w, w') at the nodes are free."""

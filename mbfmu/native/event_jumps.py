@@ -1,0 +1,269 @@
+"""Jumps of the velocities at events of native FMUs, as :mod:`mbfmu.session.impulses` finds them in Python.
+
+The jump dv by an impulse p is found by the factors of the solver: M dv + J^T Lambda = p and J dv = 0 are the equations
+of motion with p in place of the forces. Without matrices, M^-1 p is found by the recursions along the tree.
+
+A joint is locked by the signal that it follows then, as a driven joint, and keeps its places among the free
+coordinates, where its velocity and its acceleration are zero. In the matrices its rows and columns are decoupled, see
+:func:`decouple_locked_joints`; the recursions treat it as driven.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mbfmu.mechanics.recursions import dynamics as recursions
+from mbfmu.session.impulses import DEPENDENT_ROW_RATIO
+from solvers.compiled.kernel import as_kernel, jit_uncached, kernel
+from solvers.linalg.dense import rank_at
+from solvers.outcome import OK
+from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regular_acceleration
+from solvers.projection.workspace import evaluate_and_factor
+
+from .event_actions import fill_approach_rates, fill_slopes, solve_impacts, stop_by_event
+from .event_memory import BOUNCE, MASSLESS, NO_FAILURE, NOT_LOCKED, PRESCRIBED, SINGULAR
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays
+    from solvers.system import Terms
+
+
+class Jumps(NamedTuple):
+    """How a family finds the jump of the velocities by an impulse; kernels over an instance."""
+
+    prepare: Any  # (instance) -> one of FAILURES: the factors at the reported state
+    respond: Any  # (instance, impulse (n,), response (n,)) -> one of FAILURES: the jump, by these factors
+    locks: bool  # whether joints can be locked, if there are no constraints
+
+
+class JumpKernels(NamedTuple):
+    """What events do to the velocities; kernels over an instance that fill its ``dv``."""
+
+    bounce: Any  # (instance) -> bool: the impacts of the stops that are due; False: there is none, or it stops the run
+    push: Any  # (instance, place, value) -> one of FAILURES: an impulse on one coordinate
+    lock: Any  # (instance, lock) -> one of FAILURES: the impulse that brings the rate of a joint to zero
+
+
+@kernel
+def prepare_dense(instance: Any) -> int:
+    """See :class:`Jumps`."""
+    evaluate_and_factor(instance.eqs, instance.clock[0], instance.q, instance.v, instance.work)
+    return NO_FAILURE
+
+
+@kernel
+def respond_dense(instance: Any, impulse: Any, response: Any) -> int:
+    """Fill the jump of the velocities (n,) by an impulse (n,) at the reported state; return one of FAILURES.
+
+    The terms and factors of the state are those of the last :func:`evaluate_and_factor`.
+    """
+    eqs, work, rank = instance.eqs, instance.work, instance.given.memory.control[0].rank
+    if rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO) < rank:
+        return SINGULAR
+    n = impulse.shape[0]
+    for i in range(n):
+        eqs.terms.h[i] = -impulse[i]
+    for i in range(eqs.terms.gamma.shape[0]):
+        eqs.terms.gamma[i] = 0.0
+    if evaluate_regular_acceleration(eqs.terms, rank, work, response) != OK:
+        return MASSLESS
+    given, pushed = 0.0, 0.0  # squares of the impulse, and of the part that the constraints let move something
+    for i in range(n):
+        given += (work.size[i] * impulse[i]) ** 2
+    for k in range(n - rank):
+        part = 0.0
+        for i in range(n):
+            part += work.T[k, i] * impulse[i]
+        pushed += part * part
+    for i in range(n):
+        response[i] *= 1.0 if pushed > DEPENDENT_ROW_RATIO**2 * given else 0.0
+    return NO_FAILURE
+
+
+@kernel
+def prepare_tree(instance: Any) -> int:
+    """See :class:`Jumps`."""
+    eqs, rate = instance.eqs, instance.events.position_rate
+    code = eqs.forward(instance.clock[0], instance.q, instance.v, eqs.data, rate, instance.a)
+    return NO_FAILURE if code == 0 else MASSLESS
+
+
+@kernel
+def respond_tree(instance: Any, impulse: Any, response: Any) -> int:
+    """See :class:`Jumps`."""
+    eqs, locks, bodies = instance.eqs, instance.events.locks, instance.eqs.data.arrays.bodies
+    for k in range(locks.shape[0]):
+        if locks[k].is_locked == 1:
+            response[locks[k].velocity] = 0.0
+            bodies[locks[k].body].vf = -1  # as of a driven joint
+    eqs.mobility(impulse, eqs.data, response)
+    for k in range(locks.shape[0]):
+        bodies[locks[k].body].vf = locks[k].velocity
+    return NO_FAILURE
+
+
+@kernel
+def decouple_locked_joints(arrays: Arrays, terms: Terms) -> None:
+    """Let the accelerations of locked joints, which follow signals and have free coordinates, be zero."""
+    if arrays.world[0].drives == 0:
+        return
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.drive < 0 or body.vf < 0:
+            continue
+        k = body.vf
+        for j in range(terms.M.shape[0]):
+            if j != k:
+                terms.M[k, j], terms.M[j, k] = 0.0, 0.0
+        terms.h[k] = 0.0
+
+
+evaluate_dynamics, evaluate_motion = as_kernel(recursions.dynamics), as_kernel(recursions.motion)
+
+
+def lockable_dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """As ``dynamics``, with locked joints."""
+    evaluate_dynamics(t, q, v, data, terms)
+    decouple_locked_joints(data.arrays, terms)
+
+
+def lockable_motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
+    """As ``motion``, with locked joints."""
+    evaluate_motion(t, q, v, data, terms)
+    decouple_locked_joints(data.arrays, terms)
+
+
+@kernel
+def hold_joint(instance: Any, lock: int) -> None:
+    """Let a joint follow its signal, which is its present coordinate."""
+    own, arrays = instance.events.locks[lock], instance.eqs.data.arrays
+    polynomial = instance.inputs.polynomials[own.polynomial]
+    polynomial.t0, polynomial.c[0] = 0.0, instance.q[own.position]
+    for k in range(1, polynomial.c.shape[0]):
+        polynomial.c[k] = 0.0
+    arrays.bodies[own.body].drive, own.is_locked = own.signal, 1
+    arrays.world[0].drives = 1
+    instance.session.balance[0].has_one_freedom = 0
+
+
+@kernel
+def release_joint(instance: Any, lock: int) -> int:
+    """Let a joint move freely; return one of FAILURES."""
+    locks = instance.events.locks
+    if lock < 0 or locks[lock].is_locked == 0:
+        return NOT_LOCKED
+    locks[lock].is_locked = 0
+    instance.eqs.data.arrays.bodies[locks[lock].body].drive = -1
+    return NO_FAILURE
+
+
+@kernel
+def is_locked(instance: Any, velocity: int) -> bool:
+    """Whether the joint of a free velocity is locked."""
+    locks, found = instance.events.locks, False
+    for k in range(locks.shape[0]):
+        found = found or (locks[k].velocity == velocity and locks[k].is_locked == 1)
+    return found
+
+
+def jump_kernels(jumps: Jumps) -> JumpKernels:
+    """Return what events do to the velocities in a family."""
+    prepare, respond = jumps.prepare, jumps.respond
+
+    @jit_uncached
+    def bounce(instance: Any) -> bool:
+        """Fill the jump by the impacts of the stops that are due; False: there is none, or it stops the run."""
+        events, is_any = instance.events, False
+        n, count = events.impulse.shape[0], events.sensed.shape[0]
+        for k in range(count):
+            events.hit[k] = 0
+        for row in range(events.actions.shape[0]):
+            action = events.actions[row]
+            if action.kind == BOUNCE and events.due[action.event] == 1:
+                events.hit[action.place], is_any = 1, True
+        if not is_any:
+            return False
+        fill_slopes(instance)
+        failure = prepare(instance)
+        for k in range(count):
+            if events.hit[k] == 0:
+                continue
+            for i in range(n):
+                events.impulse[i] = -events.slopes[k, i]
+            if failure == NO_FAILURE:
+                failure = respond(instance, events.impulse, instance.dv)
+            if failure != NO_FAILURE:
+                stop_by_event(events, events.sensed[k], failure)
+                return False
+            for i in range(n):
+                events.responses[k, i] = instance.dv[i]
+        fill_approach_rates(instance, instance.v, events.demand)
+        for row in range(events.actions.shape[0]):
+            action = events.actions[row]
+            if action.kind == BOUNCE and events.hit[action.place] == 1:
+                rate = events.demand[action.place]
+                events.demand[action.place] = rate + events.values[row] * max(rate, 0.0)
+        for k in range(count):
+            for j in range(count):
+                events.effects[k, j] = 0.0
+                for i in range(n):
+                    events.effects[k, j] -= events.slopes[k, i] * events.responses[j, i] if events.hit[j] == 1 else 0.0
+        wrong = solve_impacts(events)
+        if wrong >= 0:
+            stop_by_event(events, events.sensed[wrong], PRESCRIBED)
+            return False
+        for i in range(n):
+            instance.dv[i] = 0.0
+            for k in range(count):
+                instance.dv[i] += events.impulses[k] * events.responses[k, i] if events.hit[k] == 1 else 0.0
+        return True
+
+    @jit_uncached
+    def push(instance: Any, place: int, value: float) -> int:
+        events = instance.events
+        for i in range(events.impulse.shape[0]):
+            events.impulse[i], instance.dv[i] = 0.0, 0.0
+        if is_locked(instance, place):  # the joint transmits it
+            return NO_FAILURE
+        events.impulse[place] = value
+        failure: int = prepare(instance)
+        if failure == NO_FAILURE:
+            failure = respond(instance, events.impulse, instance.dv)
+        return failure
+
+    @jit_uncached
+    def lock(instance: Any, number: int) -> int:
+        place, dv = instance.events.locks[number].velocity, instance.dv
+        failure: int = push(instance, place, 1.0)
+        if failure != NO_FAILURE or not dv[place] > 0.0:
+            return failure if failure != NO_FAILURE else MASSLESS
+        factor = -instance.v[place] / dv[place]
+        for i in range(dv.shape[0]):
+            dv[i] = -instance.v[i] if i == place else factor * dv[i]
+        return NO_FAILURE
+
+    return JumpKernels(bounce, push, lock)
+
+
+@kernel
+def never_bounce(instance: Any) -> bool:
+    """Of families without jumps."""
+    return False
+
+
+@kernel
+def never_push(instance: Any, place: int, value: float) -> int:
+    """Of families without jumps."""
+    return NO_FAILURE
+
+
+@kernel
+def never_lock(instance: Any, lock: int) -> int:
+    """Of families without jumps."""
+    return NO_FAILURE
+
+
+NO_JUMPS = JumpKernels(never_bounce, never_push, never_lock)
+DENSE_JUMPS = Jumps(prepare_dense, respond_dense, locks=True)
+TREE_JUMPS = Jumps(prepare_tree, respond_tree, locks=True)
+IMPLICIT_TREE_JUMPS = TREE_JUMPS._replace(locks=False)  # the structured tangent has no locked joints
