@@ -9,6 +9,7 @@ import pytest
 
 from mbfmu import equilibrium, simulate
 from mbfmu.mechanics import (
+    Beam,
     CompiledMechanism,
     DistanceCutJoint,
     Floating,

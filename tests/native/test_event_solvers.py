@@ -76,7 +76,9 @@ def test_events_in_a_loop_and_at_two_stops(solver: str, kind: str, tmp_path: Pat
 
 @dataclass(frozen=True, kw_only=True)
 class Row(mb.Model):
-    """130 masses, the last of which is pushed until it has moved 0.5 m, and then braked until it stands."""
+    """130 masses, the last of which is pushed until it has moved 0.5 m, and then braked until it stands; two others hit
+    a stop and are hit.
+    """
 
     name = "row"
 
@@ -87,7 +89,11 @@ class Row(mb.Model):
         m.force("push", mb.JointForce(force), bodies[-1])
         m.event("mark", bodies[-1].coordinate(), crosses=0.5, direction="up", then=mb.SetInput("force", -2.0))
         m.event("stop", bodies[-1].rate(), direction="down", then=mb.EndRun())
+        m.event("hit", at=0.25, then=[mb.Impulse(bodies[0], 2.0), mb.Impulse(bodies[1], -1.0)])
+        m.event("back", bodies[0].coordinate(), crosses=1.0, direction="up", then=mb.Bounce(0.5))
         m.output("x", bodies[-1].coordinate())
+        m.output("first", bodies[0].coordinate())
+        m.output("second", bodies[1].coordinate())
         return m
 
 
@@ -99,3 +105,6 @@ def test_events_in_a_large_model(solver: str, tmp_path: Path) -> None:
     assert t[-1] == pytest.approx(1.5, abs=3e-5)
     expected = np.where(t < 1.0, 0.5 * t**2, 0.5 + (t - 1.0) - (t - 1.0) ** 2)
     np.testing.assert_allclose(found["x"], expected, rtol=0.0, atol=3e-5)
+    first = np.minimum(2.0 * np.maximum(t - 0.25, 0.0), 1.0 - np.maximum(t - 0.75, 0.0))
+    np.testing.assert_allclose(found["first"], first, rtol=0.0, atol=3e-5)
+    np.testing.assert_allclose(found["second"], -np.maximum(t - 0.25, 0.0), rtol=0.0, atol=3e-5)

@@ -1,4 +1,4 @@
-"""Joints that are locked and released, impulses and stops in native FMUs, by matrices and by recursions along a tree."""
+"""Joints that native FMUs lock and release, impulses and stops, by matrices and by recursions along a tree."""
 
 from __future__ import annotations
 
@@ -122,5 +122,44 @@ def test_a_locked_state_is_saved(path: Path) -> None:
 
 
 def test_locks_in_model_exchange(path: Path) -> None:
-    arguments = {"output": NAMES, "fmi_type": "ModelExchange", "relative_tolerance": 1e-9}
+    arguments = {"output": NAMES, "fmi_type": "ModelExchange", "relative_tolerance": 1e-9, "record_events": False}
     check(simulate_fmu(str(path), stop_time=2.0, output_interval=0.1, **arguments))
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("solver", ["hybrid", "radau", "ida"])
+def test_locks_with_other_solvers(solver: str, tmp_path: Path) -> None:
+    settings = mb.Settings(solver=solver, tolerance=1e-8)
+    path = export(Clutches(), tmp_path / "clutches.fmu", settings, native=True)
+    check(simulate_fmu(str(path), stop_time=2.0, output_interval=0.1, output=NAMES, fmi_type="CoSimulation"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Released(mb.Model):
+    """A pendulum that is released without a lock, or locked in a loop."""
+
+    name = "released"
+    is_loop: bool = mb.parameter(False, structural=True)
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism()
+        arm = m.body("arm", m.ground, mb.Revolute(start=0.3), **mb.rod(mass=1.0, length=1.0))
+        if self.is_loop:
+            m.cut("guide", mb.PlaneCutJoint(at_b=(1.0, 0.0, 0.0), axis="z"), m.ground, arm)
+            other = m.body("other", m.ground, mb.Translational(axis="x"), mass=1.0)
+            m.couple("rack", mb.Gear(ratio=0.1), other, arm)
+        m.event("lock", at=0.7, then=mb.Lock(arm))
+        m.event("early", at=0.5, then=mb.Release(arm))
+        return m
+
+
+def test_what_is_not_locked_is_not_released(tmp_path: Path) -> None:
+    path = export(Released(), tmp_path / "released.fmu", SETTINGS, native=True)
+    with Fmu(path) as fmu, pytest.raises(Exception, match="fmi2"):
+        fmu.step(1.0)
+
+
+def test_locks_in_loops_are_refused(tmp_path: Path) -> None:
+    text = "do not support the action Lock of event 'lock' in models with cut joints or couplings; allowed: SetInput"
+    with pytest.raises(UserError, match=text):
+        export(Released(is_loop=True), tmp_path / "loop.fmu", SETTINGS, native=True)
