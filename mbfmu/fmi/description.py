@@ -92,7 +92,7 @@ def model_description(
     told["canInterpolateInputs"] = "true" if takes_rates else "false"
     exchanged, moving = (interface.variables, interface.moving_inputs) if interface else ((), ())
     if interface is not None:
-        root.set("numberOfEventIndicators", str(interface.indicators))
+        root.set("numberOfEventIndicators", str(len(interface.indicators)))
         own = {"modelIdentifier": identity.identifier, **exchange.FMI2_EXCHANGE_CAPABILITIES}
         SubElement(root, "ModelExchange", own | interface.derivative_capabilities(2))
         told |= interface.derivative_capabilities(2) | interface.output_capabilities()

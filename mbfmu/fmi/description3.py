@@ -76,7 +76,7 @@ def model_description(
         SubElement(root, "ModelExchange", own | interface.derivative_capabilities(3))
         capabilities |= interface.derivative_capabilities(3) | interface.output_capabilities()
     SubElement(root, "CoSimulation", capabilities)
-    exchanged = interface.variables if interface else ()
+    exchanged = [*interface.variables, *interface.indicators] if interface else []
     root.extend([*units([*variables, *exchanged]), *_enumerations(variables), *default_run(experiment, log_categories)])
     described = SubElement(root, "ModelVariables")
     told = list(listed(variables, arrays))
@@ -150,4 +150,6 @@ def _structure(variables: Sequence[tuple[int, ScalarVariable]], interface: Excha
             SubElement(structure, "ContinuousStateDerivative", valueReference=str(own.reference))
     for k in (*(reference[v.name] for v in made), *(str(own.reference) for own in exchanged)):
         SubElement(structure, "InitialUnknown", valueReference=k)
+    for own in interface.indicators if interface else ():
+        SubElement(structure, "EventIndicator", valueReference=str(own.reference))
     return structure

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-from mbfmu.native.exchange_states import ExchangeState
+from mbfmu.native.exchange_states import ExchangeState, Indicator
 
 FMI2_EXCHANGE_CAPABILITIES = {
     "needsExecutionTool": "false",
@@ -32,14 +32,14 @@ DERIVATIVE_CAPABILITIES = {  # by the version of FMI
 
 
 class ExchangeVariable(NamedTuple):
-    """A continuous state or a derivative.
+    """A continuous state, a derivative, or an event indicator.
 
     Attributes
     ----------
     reference
         Value reference.
     of
-        Number of the state that it is the derivative of; None: it is a state.
+        Number of the state that it is the derivative of; None: it is none.
     """
 
     name: str
@@ -79,13 +79,13 @@ class ExchangeInterface(NamedTuple):
     has_derivatives
         Whether directional derivatives are provided.
     indicators
-        Number of event indicators.
+        Event indicators; variables in FMI 3.0 only.
     """
 
     variables: Sequence[ExchangeVariable]
     moving_inputs: Sequence[str]
     has_derivatives: bool
-    indicators: int = 0
+    indicators: Sequence[ExchangeVariable] = ()
 
     def derivative_capabilities(self, fmi: int) -> dict[str, str]:
         """Return the attributes of directional derivatives, for both types of FMU."""
@@ -106,6 +106,13 @@ def exchange_variables(states: Sequence[ExchangeState], first: int) -> list[Exch
     return found + [
         ExchangeVariable(s.derivative, after + k, f"Derivative of {s.name}", s.derivative_unit, None, k)
         for k, s in enumerate(states)
+    ]
+
+
+def indicator_variables(indicators: Sequence[Indicator], first: int) -> list[ExchangeVariable]:
+    """Return the event indicators, with value references from ``first`` on."""
+    return [
+        ExchangeVariable(own.name, first + k, own.description, own.unit, None, None) for k, own in enumerate(indicators)
     ]
 
 

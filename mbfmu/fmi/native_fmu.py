@@ -26,16 +26,11 @@ from solvers.system import AnySystem
 from . import description, description3
 from .description import LOG_CATEGORIES, Experiment, Identity, xml_bytes
 from .documentation import c_sources, page
-from .exchange_description import ExchangeInterface, exchange_variables
+from .exchange_description import ExchangeInterface, exchange_variables, indicator_variables
 from .identity import identify
 from .terminals import terminal_files
 
 FMI_VERSIONS = (2, 3)
-
-NO_FMI3_INDICATORS = (
-    "this FMU is for co-simulation only, not for model exchange: events with sensors are supported in model exchange "
-    "of FMI 2.0, not of FMI 3.0"
-)
 
 
 class Libraries(NamedTuple):
@@ -68,9 +63,6 @@ def build_native_fmu(
     names = _targets(fmi, platforms)
     settings = _with_solver(model, settings, report)
     made = native_model(model, settings, for_one_run)
-    if fmi == 3 and made.indicators and made.states is not None:
-        made = made._replace(states=None)
-        report(Diagnostic.note("no-model-exchange", NO_FMI3_INDICATORS))
     for found in (*made.diagnostics, *describe_constants(made.fixed)):
         report(found)
     owner = identify(model, settings, experiment, "native", str(fmi), sha256(made.data).hexdigest())
@@ -78,7 +70,8 @@ def build_native_fmu(
     shown, interface = list(made.variables), None
     if made.states is not None:
         exchanged = exchange_variables(made.states, len(shown) + 1 + len(made.arrays))
-        interface = ExchangeInterface(exchanged, made.moving_inputs, made.has_derivatives, made.indicators)
+        indicators = indicator_variables(made.indicators, len(shown) + 1 + len(made.arrays) + len(exchanged))
+        interface = ExchangeInterface(exchanged, made.moving_inputs, made.has_derivatives, indicators)
     if fmi == 2:
         root = description.model_description(identity, experiment, shown, LOG_CATEGORIES, interface, made.takes_rates)
     else:

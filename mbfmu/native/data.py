@@ -33,10 +33,12 @@ from .curves import Shifted
 from .entries import Instance, called_in_steps, family_of, has_events, image_of, uses_sundials
 from .exchange_states import (
     ExchangeState,
+    Indicator,
     exchange_states,
     explain_missing_derivatives,
     explain_missing_exchange,
     list_constant_inputs,
+    list_indicators,
     list_motion_outputs,
 )
 from .families import FAMILIES
@@ -82,7 +84,7 @@ class NativeModel(NamedTuple):
     contents
         What the runtime of the FMU contains.
     indicators
-        Number of event indicators of model exchange.
+        Event indicators of model exchange, whose value references come after those of the derivatives of the states.
     """
 
     variables: tuple[ScalarVariable, ...]
@@ -96,7 +98,7 @@ class NativeModel(NamedTuple):
     data: bytes
     has_user_kernels: bool
     contents: Contents
-    indicators: int
+    indicators: tuple[Indicator, ...]
 
 
 def native_model(model: Model, settings: Settings, for_one_run: bool = False) -> NativeModel:
@@ -134,7 +136,8 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     )
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates, _takes_rates(simulation)
-    indicators = len(instance.search.sides)
+    taken = [v.name for v in variables] + [name for state in states or () for name in (state.name, state.derivative)]
+    indicators = list_indicators(simulation, taken)
     return NativeModel(variables, several, frozen, messages, *provided, file.write(), bool(own), contents, indicators)
 
 

@@ -157,6 +157,11 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             return EVENT_FAILED
         return OK
 
+    def events_exchange_report(instance: Any, t: float) -> int:
+        """Evaluate the event indicators at the reported state of co-simulation."""
+        fill_point(instance.search, instance.session, t, instance.q, instance.v, HERE)
+        return OK
+
     def events_exchange_indicate(instance: Any, t: float) -> int:
         """Evaluate the event indicators at (t, x)."""
         return int(evaluate(instance, t))
@@ -195,5 +200,5 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             note_sides(search, HERE)
         return RUN_ENDED_CODE if code == OK and control.ended == 1 else code
 
-    found = events_exchange_start, events_exchange_indicate, events_exchange_accept, events_exchange_update
-    return {function.__name__: function for function in found}
+    found = events_exchange_start, events_exchange_report, events_exchange_indicate, events_exchange_accept
+    return {function.__name__: function for function in (*found, events_exchange_update)}

@@ -49,6 +49,14 @@ class ExchangeState(NamedTuple):
     nominal: float
 
 
+class Indicator(NamedTuple):
+    """An event indicator, in the order of the sensors of events."""
+
+    name: str
+    description: str
+    unit: str
+
+
 def explain_missing_exchange(simulation: Simulation) -> str:
     """Return why a model is for co-simulation only; empty: it supports model exchange too."""
     system = simulation.compiled.system
@@ -138,12 +146,29 @@ def find_nominals(simulation: Simulation) -> Array:
     return np.concatenate((system.position_sizes(system.size), work.coordinate_rates * system.size))
 
 
+def list_indicators(simulation: Simulation, taken: Iterable[str]) -> tuple[Indicator, ...]:
+    """Return the event indicators of a model; ``taken``: names of other variables."""
+    used, found = set(taken), []
+    for event in simulation.compiled.mechanism.events:
+        if event.sensor is not None:
+            name = _unused_name(f"event.{event.name}", "event", event.name, used)
+            text = f"Event indicator of event {event.name!r}: its sensor minus the value that it may cross"
+            found.append(Indicator(name, text, event.sensor.unit))
+    return tuple(found)
+
+
 def _state(kind: str, name: str, what: str, unit: str, nominal: float, used: set[str]) -> ExchangeState:
     """Return a state under a name that FMI allows and that is not used yet, which is used from then on."""
-    own = f"state.{kind}.{name}"
+    own = _unused_name(f"state.{kind}.{name}", f"state.{kind}", name, used)
+    return ExchangeState(own, f"der({own})", f"State: {what}", unit, rate_unit(unit), float(nominal))
+
+
+def _unused_name(wanted: str, group: str, name: str, used: set[str]) -> str:
+    """Return a name that FMI allows and that is not used yet, which is used from then on."""
+    own = wanted
     if not VARIABLE_NAME_PATTERN.fullmatch(own):
-        own = f"state.{kind}.n{re.sub('[^A-Za-z0-9_]', '_', name)}"
+        own = f"{group}.n{re.sub('[^A-Za-z0-9_]', '_', name)}"
     while own in used:
         own += "_"
     used.add(own)
-    return ExchangeState(own, f"der({own})", f"State: {what}", unit, rate_unit(unit), float(nominal))
+    return own

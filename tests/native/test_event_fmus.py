@@ -168,9 +168,14 @@ def test_a_step_beyond_the_end_of_the_run_stops_at_its_event(path: Path) -> None
         check(rows_at(fmu, 1.4))
 
 
+@pytest.fixture(scope="module")
+def fmi3_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export(Yard(), tmp_path_factory.mktemp("events3") / "yard3.fmu", SETTINGS, native=True, fmi=3)
+
+
 @pytest.mark.parametrize("early", [False, True])
-def test_events_in_fmi_3(early: bool, tmp_path: Path) -> None:
-    path = export(Yard(), tmp_path / "yard3.fmu", SETTINGS, native=True, fmi=3)
+def test_events_in_fmi_3(early: bool, fmi3_path: Path, tmp_path: Path) -> None:
+    path = fmi3_path
     description = read_model_description(str(path))
     numbers = {v.name: v.valueReference for v in description.modelVariables}
     slave = FMU3Slave(
@@ -188,6 +193,8 @@ def test_events_in_fmi_3(early: bool, tmp_path: Path) -> None:
     assert (ends, has_returned) == (True, early)
     assert t == pytest.approx(1.5, abs=1e-7)
     check({"time": np.array([t])} | {n: np.array(slave.getFloat64([numbers[n]])) for n in NAMES})
+    values = slave.getFloat64([numbers[f"event.{name}"] for name in ("floor", "mark", "stop")])
+    assert values == pytest.approx([ball(t, 0.8)[0], sled(t, 0.5)[0] - 0.5, 0.0], abs=3e-6)
     slave.terminate()
     slave.freeInstance()
 
@@ -240,9 +247,13 @@ def test_events_that_native_fmus_do_not_have_are_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("values", [{}, {"restitution": 0.5, "mark": 0.3, "hit": 0.21}])
-def test_events_in_model_exchange(path: Path, values: dict[str, float]) -> None:
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_events_in_model_exchange(fmi: int, values: dict[str, float], request: pytest.FixtureRequest) -> None:
     """CVode locates the changes of sign of the event indicators; the FMU acts in event mode, and ends the run."""
-    assert int(read_model_description(str(path)).numberOfEventIndicators) == 3
+    path = request.getfixturevalue("path" if fmi == 2 else "fmi3_path")
+    description = read_model_description(str(path), validate=True)
+    count = int(description.numberOfEventIndicators) if fmi == 2 else len(description.eventIndicators)
+    assert count == 3
     found = simulate_fmu(
         str(path), stop_time=5.0, output_interval=0.17, output=NAMES, start_values=values, fmi_type="ModelExchange",
         relative_tolerance=1e-9, record_events=False,

@@ -155,7 +155,8 @@ class Released(mb.Model):
 
 def test_what_is_not_locked_is_not_released(tmp_path: Path) -> None:
     path = export(Released(), tmp_path / "released.fmu", SETTINGS, native=True)
-    with Fmu(path) as fmu, pytest.raises(Exception, match="fmi2"):
+    text = r"event 'early' releases a joint at t = 0.5 s that is not locked\. .*\[not-locked\]"
+    with Fmu(path) as fmu, pytest.raises(UserError, match=text):
         fmu.step(1.0)
 
 

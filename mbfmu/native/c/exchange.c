@@ -147,9 +147,18 @@ static double *place_of(Instance *own, uint32_t reference)
     return numbers_at(own, is_derivative ? own->header->exchange_derivatives_at : own->header->exchange_x_at) + k;
 }
 
-bool is_state(Instance *own, uint32_t reference)
+/* Return the number of the event indicator that a value reference stands for; negative: none. */
+static int64_t indicator_index(Instance *own, uint32_t reference)
 {
-    return place_of(own, reference) != NULL;
+    size_t first = (size_t)time_reference(own) + 1 + (size_t)own->header->arrays_count + 2 * state_count(own);
+    if (reference < first || reference - first >= (size_t)own->header->indicators)
+        return -1;
+    return (int64_t)(reference - first);
+}
+
+bool is_exchanged(Instance *own, uint32_t reference)
+{
+    return place_of(own, reference) != NULL || indicator_index(own, reference) >= 0;
 }
 
 /* Evaluate the derivatives, if they are not known yet. */
@@ -172,12 +181,33 @@ Outcome derive(Instance *own)
     return OK;
 }
 
-/* Return the value of a state or of a derivative. */
+/* Evaluate the event indicators, in model exchange at the time and the states. */
+static Outcome indicate(Instance *own)
+{
+    Outcome outcome = own->phase == INITIALIZING && !own->fresh ? start_anew(own) : OK;
+    if (outcome == OK && own->phase != INITIALIZING && is_marked(own, GIVEN))
+        apply_changes(own);
+    if (outcome != OK)
+        return outcome;
+    const Family *family = own->family;
+    int64_t code = call_now(own, own->exchange ? family->events_exchange_indicate : family->events_exchange_report);
+    return code == CODE_OK ? OK : discard(own, code);
+}
+
+/* Return the value of a state, of a derivative, or of an event indicator. */
 Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double *value)
 {
     if (!(wanted & 1u << TYPE_REAL))
-        return mistake(own, "a continuous state or its derivative is of type Real, but it was accessed as another type");
+        return mistake(own, "a continuous state, its derivative or an event indicator is of type Real, but it was accessed as "
+                            "another type");
     Outcome outcome = OK;
+    int64_t indicator = indicator_index(own, reference);
+    if (indicator >= 0) {
+        if (own->phase != INSTANTIATED && own->phase != FAILED && own->phase != TERMINATED)
+            outcome = indicate(own);
+        *value = outcome == OK ? numbers_at(own, own->header->indicators_at)[indicator] : NAN;
+        return outcome;
+    }
     bool derivative = place_of(own, reference) >= numbers_at(own, own->header->exchange_derivatives_at);
     if (own->phase != INSTANTIATED && own->phase != FAILED && own->phase != TERMINATED && (derivative || !own->exchange))
         outcome = derive(own);
@@ -188,13 +218,13 @@ Outcome get_exchanged(Instance *own, uint32_t reference, unsigned wanted, double
 /* Set one state; the standard has a function for all of them, but some tools set them as variables. */
 Outcome set_exchanged(Instance *own, uint32_t reference, unsigned wanted, double value)
 {
-    bool is_derivative;
+    bool is_derivative = false;
     exchanged_index(own, reference, &is_derivative);
     if (!(wanted & 1u << TYPE_REAL))
         return mistake(own, "a continuous state is of type Real, but it was set as another type");
-    if (is_derivative || !own->exchange || !(AT_WORK & 1u << own->phase))
-        return mistake(own, "a continuous state or its derivative was set as a variable; allowed: to set states in model exchange, "
-                            "after the initialization");
+    if (indicator_index(own, reference) >= 0 || is_derivative || !own->exchange || !(AT_WORK & 1u << own->phase))
+        return mistake(own, "a continuous state, its derivative or an event indicator was set as a variable; allowed: to set "
+                            "states in model exchange, after the initialization");
     double *place = place_of(own, reference);
     if (*place != value)
         own->fresh = own->derived = false;
@@ -282,13 +312,7 @@ Outcome get_indicators(Instance *own, const char *call, double *z, size_t n)
     }
     if (!n)
         return OK;
-    Outcome outcome = own->phase == INITIALIZING && !own->fresh ? start_anew(own) : OK;
-    if (outcome == OK && own->phase != INITIALIZING && is_marked(own, GIVEN))
-        apply_changes(own);
-    if (outcome == OK) {
-        int64_t code = call_now(own, own->family->events_exchange_indicate);
-        outcome = code == CODE_OK ? OK : discard(own, code);
-    }
+    Outcome outcome = indicate(own);
     const double *known = numbers_at(own, own->header->indicators_at);
     for (size_t k = 0; k < n; k++)
         z[k] = outcome == OK ? known[k] : NAN;

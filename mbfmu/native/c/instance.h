@@ -92,7 +92,7 @@ void apply_changes(Instance *own);
 /* exchange.c */
 void apply_exchange_changes(Instance *own);
 int64_t start_exchange(Instance *own);
-bool is_state(Instance *own, uint32_t reference);
+bool is_exchanged(Instance *own, uint32_t reference);
 int64_t exchanged_index(Instance *own, uint32_t reference, bool *is_derivative);
 Outcome derive(Instance *own);
 Outcome discard(Instance *own, int64_t code);

@@ -122,7 +122,7 @@ static Outcome refresh(Instance *own)
 
 Outcome get(Instance *own, uint32_t reference, unsigned wanted, double *value)
 {
-    if (reference >= count_of(own) && is_state(own, reference))
+    if (reference >= count_of(own) && is_exchanged(own, reference))
         return get_exchanged(own, reference, wanted, value);
     const Variable *v = known(own, reference, wanted);
     if (!v)
@@ -163,7 +163,7 @@ static const char *locked(const Instance *own, const Variable *v)
 Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
 {
     char text[SAYS], digits[32];
-    if (is_state(own, reference))
+    if (is_exchanged(own, reference))
         return set_exchanged(own, reference, wanted, value);
     const Variable *v = known(own, reference, wanted);
     if (!v)
