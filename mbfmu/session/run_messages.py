@@ -52,7 +52,7 @@ LIFTING_WHEEL = Diagnostic.warning(
     "lifting-wheel",
     "wheel {name!r} would lift at t = {t:.9g} s: its plane would have to pull it with {force:.3g} N to keep contact. "
     "The motion from there on is that of a wheel that cannot lift",
-    "Reduce speeds, correct the normal of the plane, or use a contact force for a wheel that may lift",
+    "Reduce speeds, correct the normal of the plane, or replace the wheel by a user-defined contact force",
 )
 SINGULAR_START = Diagnostic.warning(
     "singular-start",

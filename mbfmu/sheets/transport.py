@@ -77,8 +77,8 @@ def add_contact(
         Damping of Hunt and Crossley, s/m: an impact at velocity v loses about the fraction (4/3) damping v of its
         energy.
     creep
-        Slip velocity, m/s, at which friction has 70 % of its largest force. A sheet on a slope creeps at a part of it:
-        for sheets that rest, set it to the drift that is allowed per second, and use ``esdirk``.
+        Slip velocity v_r, m/s, at which friction has 70 % of its largest force mu N. A sheet that rests under a load
+        F < mu N creeps at v_r F / sqrt(mu^2 N^2 - F^2): choose v_r such that this is allowed, and use ``esdirk``.
     points
         Number of contact points of every cell along x and z.
 
