@@ -343,6 +343,22 @@ def test_an_impulse_on_a_double_pendulum(solver: str):
     assert simulation.discontinuity_work == pytest.approx(0.5 * 0.2 * expected[1], rel=1e-9)
 
 
+def test_an_impulse_on_a_joint_between_two_bodies() -> None:
+    """The same pendulum as a graph, with the second joint in the opposite direction, and so with the opposite sign."""
+    m = mb.Mechanism()
+    first = m.body("first", **mb.rod(mass=1.0, length=1.0))
+    second = m.body("second", **mb.rod(mass=1.0, length=1.0))
+    shoulder = m.joint("shoulder", m.ground, first, mb.Revolute())
+    elbow = m.joint("elbow", second, first, mb.Revolute(), at_b=(1.0, 0.0, 0.0))
+    m.event("hit", at=0.5, then=mb.Impulse(elbow, -0.2))
+    m.output("first", shoulder.rate())
+    m.output("second", elbow.rate())
+    simulation = Simulation(m, Settings(solver="adams", tolerance=1e-8))
+    simulation.advance(0.5)
+    expected = np.linalg.solve([[8 / 3, 5 / 6], [5 / 6, 1 / 3]], [0.0, 0.2])
+    np.testing.assert_allclose(simulation.outputs()[:2], [expected[0], -expected[1]], rtol=1e-9)
+
+
 @pytest.mark.parametrize("solver", SMALL)
 def test_an_impulse_on_a_parallelogram(solver: str):
     """Closed form: massless cranks of 1 m, a coupler of 2 kg that only translates: the rate jumps by p / (m l^2)."""

@@ -81,10 +81,14 @@ def test_the_page_of_kinds_has_every_kind_and_no_other() -> None:
     assert {name for name in named if not hasattr(mbfmu, name)} == set()
 
 
-def test_the_dozen_lines_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_dozen_lines_of_the_readme_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     (text,) = (text for language, _, text in blocks("../README.md") if language == "python")
     exec(compile(text, "README.md", "exec"), {})
+    (number,) = printed(text)
+    assert number == f"{capsys.readouterr().out.strip()}: rad"
     assert (tmp_path / "crank.png").stat().st_size > 10_000
 
 

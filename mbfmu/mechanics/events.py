@@ -62,14 +62,15 @@ class Impulse:
     Parameters
     ----------
     body
-        Body whose joint has the coordinate, which is not driven.
+        Body whose joint to its parent has the coordinate, or a joint from :meth:`.Mechanism.joint`. The coordinate is
+        not driven.
     value
         Impulse, N s for a displacement or N m s for an angle.
     coordinate
         Number of the coordinate of the joint, from 0.
     """
 
-    body: Body
+    body: Body | JointHandle
     value: float
     coordinate: int = 0
 

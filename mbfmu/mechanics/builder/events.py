@@ -97,11 +97,11 @@ class Events(Sampled):
                 finite(f"value of input {action.name!r} in {what}", action.value)
             elif isinstance(action, Impulse):
                 finite(f"value of the impulse in {what}", action.value)
-                self._member(action.body, f"body of the impulse in {what}")
-                coordinate_of(f"coordinate of the impulse in {what}", action.body, action.coordinate)
-                if action.body.joint.drive is not None:
+                owner = self._coordinate_owner(action.body, f"body of the impulse in {what}")
+                coordinate_of(f"coordinate of the impulse in {what}", owner, action.coordinate)
+                if owner.joint.drive is not None:
                     raise UserError(
-                        f"the impulse in {what} acts on the joint of body {action.body.name!r}, which is driven; "
+                        f"the impulse in {what} acts on the joint of {owner.name!r}, which is driven; "
                         "allowed: a joint that is free to move"
                     )
             elif isinstance(action, Bounce):
