@@ -53,6 +53,13 @@ def _close_figures() -> Iterator[None]:
         sys.modules["matplotlib.pyplot"].close("all")
 
 
+@pytest.fixture(autouse=True)
+def _forget_starts() -> None:
+    """Let no test use what an earlier one has kept: tests replace parts of the analysis of starts."""
+    if "mbfmu.session.kept_starts" in sys.modules:
+        sys.modules["mbfmu.session.kept_starts"]._kept.clear()
+
+
 @pytest.fixture
 def command(capfd: pytest.CaptureFixture[str]) -> Callable[..., Any]:
     """Run the command line in this process: returns exit code, stdout, stderr without what depends on the cache."""
