@@ -30,7 +30,7 @@ from .python_call import WrapperCache, make_callable
 from .turns import turns
 
 SYMBOL_PREFIX = "mbfmu_"
-MAX_INLINED_LENGTH = 1100  # lines of code of LLVM up to which a kernel goes into its callers
+MAX_INLINED_LENGTH = 300  # lines of code of LLVM up to which a kernel goes into its callers
 
 _kernels: dict[tuple[str, str], Kernel] = {}  # by module and name
 _symbols: dict[str, tuple[tuple[str, str], Any]] = {}  # kernel and argument types of a symbol
