@@ -22,15 +22,22 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.compiled.kernel import COMPILED, callback, kernel, types
-from solvers.compiled.tuple_pointer import pin, pointer_type
+from solvers.compiled.kernel import kernel
+from solvers.compiled.tuple_pointer import pin
+from solvers.default_callbacks import (
+    energy_callbacks,
+    mesh_motion_callback,
+    outputs_callback,
+    parts_callback,
+    step_limit_callback,
+)
 from solvers.extrapolation import StressExtrapolation
 from solvers.positions import Positions, place_states, position_sizes
 
@@ -68,89 +75,6 @@ class Terms(NamedTuple):
     def allocate_constraints(n: int, m: int, scalar: type = float) -> Terms:
         """Return zeroed terms of ``m`` constraints alone: the others have no entries."""
         return Terms(*(np.zeros(shape, scalar) for shape in (0, (0, 0), 0, m, (m, n), m, m)))
-
-
-def no_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
-    """Default of a system without work of forces."""
-    return 0.0
-
-
-def no_energy_bound(rtol: float, place: Any, rate: Any, data: Any, out: Any) -> None:
-    """Default of a system without this function: no bound on the error of its energy follows."""
-    out[0], out[1] = 0.0, 0.0
-
-
-def no_outputs(a: Any, lam: Any, data: Any, out: Any) -> None:
-    """Default of a system without outputs."""
-
-
-def energy_callbacks(system: AnySystem) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return the callbacks of power and energy bound of a system for kernels."""
-    if system.power is not None and system.evaluate_energy_bound is not None:
-        return system.power, system.evaluate_energy_bound
-    return _nothing(pointer_type(system.data) if COMPILED else None)
-
-
-def outputs_callback(system: System) -> Callable[..., Any]:
-    """Return the output function of a system for kernels."""
-    if system.evaluate_outputs is not None:
-        return system.evaluate_outputs
-    return _no_outputs(pointer_type(system.data) if COMPILED else None)
-
-
-@cache
-def _no_outputs(data: Any) -> Callable[..., Any]:
-    if not COMPILED:
-        return no_outputs
-    vector = types.float64[::1]
-    return callback(types.void(vector, vector, data, vector))(no_outputs)
-
-
-@cache
-def _nothing(data: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    if not COMPILED:
-        return no_power, no_energy_bound
-    real, vector = types.float64, types.float64[::1]
-    work = callback(types.float64(real, vector, vector, vector, vector, data))
-    return work(no_power), callback(types.void(real, vector, vector, data, vector))(no_energy_bound)
-
-
-def no_step_bound(taken: float, data: Any) -> float:
-    """Default of a system whose state limits no step."""
-    return np.inf
-
-
-def step_limit_callback(system: AnySystem) -> Callable[..., Any]:
-    """Return the limit of a system on steps for kernels."""
-    if system.longest_load_step is not None:
-        return system.longest_load_step
-    return _no_step_bound(pointer_type(system.data) if COMPILED else None)
-
-
-@cache
-def _no_step_bound(data: Any) -> Callable[..., Any]:
-    return callback(types.float64(types.float64, data))(no_step_bound) if COMPILED else no_step_bound
-
-
-def no_parts(data: Any, out: Any) -> None:
-    """Default of a system that does not compute its inertia."""
-
-
-@cache
-def _no_parts(data: Any) -> Callable[..., Any]:
-    return callback(types.void(data, types.float64[::1]))(no_parts) if COMPILED else no_parts
-
-
-def no_mesh_motion(dq: Any, mask: Any, data: Any, out: Any) -> None:
-    """Default of a system without meshes."""
-
-
-@cache
-def _no_mesh_motion(data: Any) -> Callable[..., Any]:
-    if not COMPILED:
-        return no_mesh_motion
-    vector = types.float64[::1]
-    return callback(types.void(vector, vector, data, vector))(no_mesh_motion)
 
 
 def is_never_true() -> bool:
@@ -467,19 +391,14 @@ class TreeSystem(AnySystem):
     def equations(self) -> Any:
         """A :class:`TreeEquations`, pinned."""
         callbacks = self.forward, self.inverse, self.retract, *energy_callbacks(self), step_limit_callback(self)
-        mesh_motion = self.mesh_motion if self.mesh_motion is not None else _no_mesh_motion(pointer_type(self.data))
-        constraints = self.parts_callback, mesh_motion, self.mobility, self.constraints, self.position
-        return pin(TreeEquations(*callbacks, *constraints, self.pinned_data, *self.tangent.callbacks))
+        motions = parts_callback(self), mesh_motion_callback(self), self.mobility
+        constraints = self.constraints, self.position
+        return pin(TreeEquations(*callbacks, *motions, *constraints, self.pinned_data, *self.tangent.callbacks))
 
     @property
     def can_compute_rate_growth(self) -> bool:
         """Whether the rate growth can be computed, see :mod:`solvers.inertia`: not with loops, and not in meshes."""
         return self.inertia_parts is not None and not self.m and not (self.mesh_mask is None or self.mesh_mask.any())
-
-    @property
-    def parts_callback(self) -> Callable[..., None]:
-        """``inertia_parts`` as kernels take it."""
-        return self.inertia_parts if self.inertia_parts is not None else _no_parts(pointer_type(self.data))
 
     def allocate_terms(self, scalar: type = float) -> Terms:
         """Return zeroed terms; those of the constraints are the only ones a tree fills, and M has no entries."""

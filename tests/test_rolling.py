@@ -245,6 +245,32 @@ def trolley(left: Any, right: Any, grips: tuple[str, str] = ("both", "longitudin
     return m
 
 
+@pytest.mark.parametrize(("size", "solver"), [(1e-3, "adams"), (1.0, "ida"), (1e3, "radau")])
+def test_a_ball_on_a_turntable_moves_in_a_circle(size: float, solver: str) -> None:
+    """A torus without a hole is a ball. On a table with the rate w its center has v' = 2/7 w n x v, whatever its spin.
+
+    The table is inclined with the gravity, and the axle of the torus, which means nothing for a ball, is turned.
+    """
+    w, R, v, x = 2.0, 0.1 * size, 0.3 * size, 0.5 * size
+    turned = Rotation.from_rotvec((0.4, -0.7, 0.2))
+    n, axle = turned.apply((0.0, 0.0, 1.0)), turned.apply((1.0, 0.2, 0.0))
+    m = mb.Mechanism(gravity=-G * size * n)
+    table = m.body("table", m.ground, mb.Revolute(axis=n, drive=mb.Polynomial((0.0, w))), mass=1.0, inertia=(1, 1, 1))
+    start, rate = turned.apply((x, 0.0, R)), turned.apply(((0.0, v, 0.0), ((w * x - v) / R, 0.0, 0.0)))
+    joint = mb.Floating(start=(*start, 1.0, 0.0, 0.0, 0.0), rate=rate.ravel())
+    ball = m.body("ball", m.ground, joint, mass=3.0, inertia=(1.2 * R**2,) * 3)
+    m.cut("contact", mb.RollingWheel(radius=R, crown_radius=R, normal=n, axis=axle), table, ball)
+    for way in "xyz":
+        m.output(way, ball.position(way))
+    found = mb.simulate(m, 3.0, interval=0.1, solver=solver, tolerance=1e-9)
+    assert not found.failure
+    assert not found.diagnostics
+    phase, radius = 2.0 / 7.0 * w * found.t, v / (2.0 / 7.0 * w)
+    local = np.stack([x + radius * (np.cos(phase) - 1.0), radius * np.sin(phase), np.full(len(phase), R)], axis=1)
+    place = np.stack([found[way] for way in "xyz"], axis=1)
+    np.testing.assert_allclose(place / size, turned.apply(local) / size, rtol=0.0, atol=1e-8)
+
+
 @pytest.mark.parametrize("driven", [False, True])
 @pytest.mark.parametrize("grips", [("both", "longitudinal"), ("both", "both")])
 def test_a_trolley_follows_the_circle_that_its_wheels_roll(driven: bool, grips: tuple[str, str]) -> None:

@@ -14,18 +14,17 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_constraints
 from mbfmu.mechanics.records import Data
-from mbfmu.mechanics.recursions.dynamics import (
+from mbfmu.mechanics.recursions.callbacks import (
     callbacks,
     complex_step_callbacks,
     inertia_callback,
-    input_step_limit,
     mesh_callback,
-    observe_all,
     outputs_callback,
     step_limit_callback,
     tree_callbacks,
     work_callbacks,
 )
+from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe_all
 from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, find_groups
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin

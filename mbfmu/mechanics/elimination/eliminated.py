@@ -10,14 +10,9 @@ import numpy as np
 
 from mbfmu.mechanics.records import Arrays, Data, State, empty_data
 from mbfmu.mechanics.recursions.aba import initialize_articulated_inertia
+from mbfmu.mechanics.recursions.callbacks import step_limit_callback, tree_callbacks, work_callbacks
 from mbfmu.mechanics.recursions.constraints import evaluate_constraints
-from mbfmu.mechanics.recursions.dynamics import (
-    evaluate_position_rate,
-    step_limit_callback,
-    tree_callbacks,
-    update_kinematics,
-    work_callbacks,
-)
+from mbfmu.mechanics.recursions.dynamics import evaluate_position_rate, update_kinematics
 from mbfmu.mechanics.recursions.kinematics import scatter_coordinates, update_positions, update_velocities
 from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
 from solvers.compiled.tuple_pointer import pin, pointer_type
