@@ -163,7 +163,8 @@ def test_derivative_by_a_filter_and_by_a_rate() -> None:
     filtered = m.pid("filtered", 0.0, wheel.angle(), **gains, filter_time=0.1, start=0.2)
     exact = m.pid("exact", 0.0, wheel.angle(), **gains, rate=wheel.rate())
     cut = m.limiter("cut", filtered, lower=-3.0, upper=-1.0)
-    for block in (filtered, exact, cut):
+    total = m.weighted_sum("total", [filtered, wheel.angle(), 2.0], [3.0, -0.5, 1.0], lower=-2.0)
+    for block in (filtered, exact, cut, total):
         m.output(block.name, block.value())
     result = mb.simulate(m, 1.0, solver="adams", tolerance=1e-8)
     t = result.t
@@ -172,6 +173,9 @@ def test_derivative_by_a_filter_and_by_a_rate() -> None:
     assert result["filtered"] == pytest.approx(expected, abs=1e-6)
     assert result["exact"] == pytest.approx(common - 0.7 * RAMP, abs=1e-6)
     assert result["cut"] == pytest.approx(np.clip(expected, -3.0, -1.0), abs=1e-6)
+    weighted = 3.0 * expected - 0.5 * RAMP * t + 2.0
+    assert weighted.min() < -2.0 < weighted.max()
+    assert result["total"] == pytest.approx(np.maximum(weighted, -2.0), abs=3e-6)
 
 
 def motor_on_wheel(voltage: Any = 24.0) -> Mechanism:
@@ -303,6 +307,11 @@ def _pid(m: Mechanism, arm: Any, **given: Any) -> Any:
         (lambda m, arm: m.state_space("b", 1.0, A=[[-1]], B=[[1]], C=[[1]]), "allowed: a list of inputs"),
         (lambda m, arm: m.limiter("b", 1.0, lower=2.0, upper=-2.0), "lower of block 'b' is 2.0, upper -2.0"),
         (lambda m, arm: m.limiter("b", 1.0, lower=np.nan, upper=1.0), "lower of block 'b' is nan"),
+        (lambda m, arm: m.weighted_sum("b", [1.0], [1.0, 2.0]), r"weights of block 'b' has the shape \(1, 2"),
+        (lambda m, arm: m.weighted_sum("b", 1.0, [1.0]), "allowed: a list of inputs"),
+        (lambda m, arm: m.weighted_sum("b", [1.0], [1.0], lower=2.0, upper=2.0), "lower of block 'b' is 2.0, upper 2"),
+        (lambda m, arm: m.weighted_sum("b", [1.0] * 9, [1.0] * 9), "has 9 inputs; allowed: 1 to 8"),
+        (lambda m, arm: m.weighted_sum("b", [1.0], None), "weights of block 'b'"),
         (_pid, "has no gain"),
         (lambda m, arm: _pid(m, arm, derivative=1.0), "neither rate nor filter_time"),
         (lambda m, arm: _pid(m, arm, derivative=1.0, filter_time=0.0), "filter_time of block 'b' is 0.0"),

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mbfmu.modeling.scene import DEFAULT_SCENE
+from mbfmu.modeling.scene import DEFAULT_SCENE, SETTING_NAMES
 from mbfmu.util.diagnostics import Diagnostic, render
 from mbfmu.util.errors import UserError
 
@@ -30,6 +30,10 @@ from .runtime import add_platforms
 
 if TYPE_CHECKING:
     from mbfmu.modeling import Model
+
+DEFAULT_FMI = 2
+RUN_OPTIONS = (*SETTING_NAMES, "stop_time", "interval")  # which only FMUs have, as the following; None: not given
+FMU_FLAGS = ("platforms", "python", "native")
 
 
 def add(commands: Commands) -> None:
@@ -67,7 +71,9 @@ def add(commands: Commands) -> None:
     )
     add_solver(p)
     add_fmu_kind(p)
-    p.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2); 3 for native FMUs")
+    p.add_argument(
+        "--fmi", type=int, choices=(2, 3), default=DEFAULT_FMI, help="version of FMI (default 2); 3 for native FMUs"
+    )
     add_platforms(p, "platforms of a native FMU (default: this machine)")
     formats = p.add_mutually_exclusive_group()
     formats.add_argument("--mjcf", action="store_true", help="write an MJCF file of MuJoCo instead of an FMU")
@@ -108,9 +114,18 @@ def command_export(options: argparse.Namespace) -> int:
 
 
 def _write_description(options: argparse.Namespace, model: Model, name: str) -> int:
-    """Write an MJCF or URDF file."""
+    """Write an MJCF or URDF file; raises UserError if options are given that only FMUs have."""
     from mbfmu.formats import write_mjcf, write_urdf
 
+    given = [name for name in RUN_OPTIONS if getattr(options, name) is not None]
+    given += [name for name in FMU_FLAGS if getattr(options, name)]
+    given += ["fmi"] if options.fmi != DEFAULT_FMI else []
+    if given:
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise UserError(
+            f"{words} is given with {'--mjcf' if options.mjcf else '--urdf'}; allowed: options of the mechanism, such "
+            "as --set. The file contains no solver and no settings of a run; leave this option out"
+        )
     write, suffix = (write_mjcf, ".xml") if options.mjcf else (write_urdf, ".urdf")
     path = options.output or Path(f"{name}{suffix}")
     found = write(model, path, strict=options.strict)

@@ -141,6 +141,54 @@ class ImportedDrive:
 
 
 @dataclass(kw_only=True)
+class ImportedTransmission:
+    """Force along a linear combination L = sum of c_k q_k of joint coordinates, such as a tendon or a limited servo.
+
+    The force F = gain * input + bias - stiffness L - damping L', within its limits, acts with c_k F on coordinate k.
+
+    Attributes
+    ----------
+    name, description
+        Name of the force, and description of its input.
+    bodies, factors
+        Bodies whose joints have the coordinates q_k, and the factors c_k.
+    input, unit
+        Name and unit of the input; empty: it has none.
+    gain, bias, stiffness, damping
+        Coefficients of the force.
+    control_limits, limits
+        Least and largest value of the input and of F; None: no limits.
+    """
+
+    name: str
+    description: str
+    bodies: list[str]
+    factors: list[float]
+    input: str = ""
+    unit: str = "1"
+    gain: float = 0.0
+    bias: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    control_limits: tuple[float, float] | None = None
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(kw_only=True)
+class ImportedDistanceRange:
+    """Range of the distance between points of two bodies, m, such as a rope; None: no limit on that side."""
+
+    name: str
+    a: str
+    b: str
+    at_a: Vector
+    at_b: Vector
+    lower: float | None
+    upper: float | None
+    stiffness: float
+
+
+@dataclass(kw_only=True)
 class ImportedSpring:
     """Spring between points of two bodies: stiffness, damping, unloaded length."""
 
@@ -234,7 +282,9 @@ class Description:
     cuts: list[ImportedCut] = field(default_factory=list)
     couplings: list[ImportedCoupling] = field(default_factory=list)
     drives: list[ImportedDrive] = field(default_factory=list)
+    transmissions: list[ImportedTransmission] = field(default_factory=list)
     springs: list[ImportedSpring] = field(default_factory=list)
+    distance_ranges: list[ImportedDistanceRange] = field(default_factory=list)
     lifts: list[ImportedLift] = field(default_factory=list)
     points: list[ImportedPoint] = field(default_factory=list)
     shapes: list[ImportedShape] = field(default_factory=list)

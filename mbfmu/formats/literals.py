@@ -1,8 +1,8 @@
-"""Numbers, vectors and rotations as Python code: short, and equal to the given values up to rounding."""
+"""Calls, numbers, vectors and rotations as Python code: short, and equal to the given values up to rounding."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from .description import Matrix, Vector
 
 DIGITS = 15  # of numbers
 INERTIA_DIGITS = 14  # relative to the largest entry: MuJoCo computes inertias from principal axes, with rounding errors
+MAX_LINE_LENGTH = 120  # of statements
 ROTATION_ERROR = 4e-16  # largest difference of a rotation matrix from its angles
 
 
@@ -72,3 +73,12 @@ def rotation_text(values: Matrix) -> str:
             return f'Rotation.from_euler("{used}", {given}{", degrees=True" if in_degrees else ""})'
     quaternion = turned.as_quat(canonical=True, scalar_first=True)
     return f"Rotation.from_quat({vector_text(quaternion)}, scalar_first=True)"
+
+
+def call(head: str, arguments: Sequence[str], indent: int = 8) -> list[str]:
+    """Return the lines of a call: one if it is short."""
+    line = f"{' ' * indent}{head}({', '.join(arguments)})"
+    if len(line) <= MAX_LINE_LENGTH:
+        return [line]
+    inner = " " * (indent + 4)
+    return [f"{' ' * indent}{head}(", *(f"{inner}{argument}," for argument in arguments), f"{' ' * indent})"]

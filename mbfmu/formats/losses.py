@@ -13,8 +13,9 @@ OTHER_MOTION = "The motion differs from that of the file. Add them in the Python
 Key = Literal[
     "contact", "ball range", "ball spring", "ball damping", "ball armature", "ball friction", "polynomial", "yield",
     "empty range", "reversed range", "planar range", "range margin", "compensation limit", "tendon", "tendon range",
-    "actuator", "transmission", "locked drive", "unstable servo", "actuator limits", "reversed limits", "delay",
-    "velocity limits", "safety", "equality", "inactive", "mocap", "fluid", "flex", "plugin", "mimic", "unknown",
+    "unloaded range", "tendon friction",
+    "actuator", "transmission", "locked drive", "actuator limits", "reversed limits", "delay", "velocity limits",
+    "safety", "tendon equality", "equality", "inactive", "mocap", "fluid", "flex", "plugin", "mimic", "unknown",
 ]  # fmt: skip
 LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this means
     "contact": ("contact between shapes", "Bodies pass through each other and through the ground"),
@@ -36,13 +37,20 @@ LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this me
         "gravity compensation within the limits of drives (actuatorgravcomp)",
         "The compensation acts in addition to the limited force",
     ),
-    "tendon": ("tendons, but springs between two sites", OTHER_MOTION),
-    "tendon range": ("ranges, friction, armature and damping by actuators of tendons", OTHER_MOTION),
+    "tendon": ("springs of tendons, but those between two sites or of up to three joints", OTHER_MOTION),
+    "unloaded range": ("springs of tendons with a range of unloaded lengths", OTHER_MOTION),
+    "tendon range": ("ranges of tendons, but those between two sites", OTHER_MOTION),
+    "tendon friction": ("friction, armature and damping by actuators of tendons", OTHER_MOTION),
     "actuator": ("actuators with dynamics, muscles and user-defined laws", "They exert no force. Add them as inputs"),
-    "transmission": ("actuators that do not act on a hinge or a slide", "They exert no force. Add them as inputs"),
+    "transmission": (
+        "actuators that do not act on hinges, slides or tendons of up to three of them",
+        "They exert no force. Add them as inputs",
+    ),
     "locked drive": ("drives of locked joints", "They have no effect"),
-    "unstable servo": ("negative stiffness or damping of actuators", OTHER_MOTION),
-    "actuator limits": ("limits of the forces of servos", "Limit the inputs in the controller"),
+    "actuator limits": (
+        "limits of the sum of the forces of several actuators, and limits that exclude each other",
+        "Limit the inputs in the controller",
+    ),
     "reversed limits": (
         "limits of actuators whose lower end is above the upper one",
         "MuJoCo does not use them. Exchange the ends in the file",
@@ -50,7 +58,11 @@ LOSSES: dict[Key, tuple[str, str]] = {  # what is not imported, and what this me
     "delay": ("delays of actuators", "Inputs act at once. Delay the signals that set them"),
     "velocity limits": ("velocity limits of joints", "The joints can be faster"),
     "safety": ("soft limits of <safety_controller>", "Limit the inputs in the controller"),
-    "equality": ("equality constraints but connect, weld and joint", OTHER_MOTION),
+    "tendon equality": (
+        "equality constraints of tendons with more than two joints, or of spatial tendons",
+        OTHER_MOTION,
+    ),
+    "equality": ("equality constraints but connect, weld, joint and tendon", OTHER_MOTION),
     "inactive": ("equality constraints that are inactive at the start", "They are never active"),
     "mocap": ("mocap bodies", "They are fixed where they start"),
     "fluid": ("forces of the fluid (density, viscosity, wind)", OTHER_MOTION),

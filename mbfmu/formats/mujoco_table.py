@@ -20,7 +20,9 @@ IMPORTED = frozenset(
     body_jntadr qpos0 qpos_spring jnt_type jnt_pos jnt_axis jnt_range jnt_limited jnt_stiffness jnt_solref jnt_solimp
     jnt_actfrclimited jnt_actfrcrange jnt_qposadr jnt_dofadr jnt_bodyid dof_damping dof_armature dof_frictionloss
     dof_jntid dof_invweight0 site_pos site_quat site_bodyid eq_type eq_obj1id eq_obj2id eq_objtype eq_active0 eq_data
-    tendon_stiffness tendon_damping tendon_lengthspring tendon_adr tendon_num wrap_type wrap_objid actuator_trntype
+    tendon_stiffness tendon_damping tendon_lengthspring tendon_adr tendon_num tendon_limited tendon_range
+    tendon_solref_lim tendon_solimp_lim tendon_invweight0 tendon_actfrclimited tendon_actfrcrange wrap_type wrap_objid
+    wrap_prm actuator_trntype
     actuator_trnid actuator_dyntype actuator_gaintype actuator_biastype actuator_gainprm actuator_biasprm
     actuator_ctrllimited actuator_ctrlrange actuator_forcelimited actuator_forcerange actuator_gear actuator_damping
     actuator_armature actuator_group actuator_ctrladr actuator_outadr geom_type geom_size geom_pos geom_quat
@@ -62,9 +64,9 @@ LOST_PROPERTIES = (
     Lost("tendon_stiffnesspoly", "TENDON", "polynomial", flags=("SPRING",)),
     Lost("tendon_dampingpoly", "TENDON", "polynomial", flags=("DAMPER",)),
     Lost("tendon_springyield", "TENDON", "yield", "tendon_stiffness", ("SPRING",)),
-    Lost("tendon_limited", "TENDON", "tendon range", flags=("LIMIT", "CONSTRAINT")),
-    Lost("tendon_frictionloss", "TENDON", "tendon range", flags=("FRICTIONLOSS", "CONSTRAINT")),
-    Lost("tendon_armature", "TENDON", "tendon range"),
+    Lost("tendon_margin", "TENDON", "range margin", "tendon_limited", ("LIMIT", "CONSTRAINT")),
+    Lost("tendon_frictionloss", "TENDON", "tendon friction", flags=("FRICTIONLOSS", "CONSTRAINT")),
+    Lost("tendon_armature", "TENDON", "tendon friction"),
     Lost("actuator_dampingpoly", "ACTUATOR", "polynomial", flags=("DAMPER",)),
     Lost("actuator_delay", "ACTUATOR", "delay"),
 )
@@ -81,8 +83,7 @@ SOFTNESS = frozenset(  # of MuJoCo's constraints, which are rigid here
 )
 OF_LOST_ELEMENTS = frozenset(  # of elements that are reported as a whole
     """
-    tendon_actfrclimited tendon_actfrcrange tendon_margin tendon_range tendon_solref_lim tendon_solimp_lim
-    tendon_solref_fri tendon_solimp_fri wrap_prm actuator_dynprm actuator_actlimited actuator_actrange
+    tendon_solref_fri tendon_solimp_fri actuator_dynprm actuator_actlimited actuator_actrange
     actuator_actearly actuator_actadr actuator_actnum actuator_cranklength actuator_lengthrange actuator_plugin
     actuator_ctrlnum actuator_ctrlspec actuator_outnum body_plugin geom_plugin geom_fluid geom_dataid
     """.split()
@@ -93,7 +94,7 @@ WITHOUT_EFFECT = frozenset(  # names, pictures, user data, and what MuJoCo compu
     body_subtreemass body_invweight0 body_margin body_user body_contype body_conaffinity body_bvhadr body_bvhnum
     jnt_actuatorid jnt_group jnt_plasticadr jnt_user dof_bodyid dof_parentid dof_treeid dof_Madr dof_simplenum dof_M0
     dof_length geom_matid geom_sameframe geom_castshadow geom_aabb geom_rbound geom_user tendon_type tendon_matid
-    tendon_actuatorid tendon_group tendon_plasticadr tendon_treenum tendon_treeid tendon_length0 tendon_invweight0
+    tendon_actuatorid tendon_group tendon_plasticadr tendon_treenum tendon_treeid tendon_length0
     tendon_width tendon_rgba tendon_user actuator_history actuator_historyadr actuator_user actuator_acc0
     actuator_length0
     """.split()

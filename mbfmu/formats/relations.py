@@ -17,15 +17,15 @@ from .description import (
     ImportedJoint,
     ImportedLift,
     ImportedPoint,
-    ImportedSpring,
 )
 from .drives import Drives
 from .inertias import rotation_of
 from .losses import Losses, listed
 from .names import Names
+from .tendons import Tendons
 from .tree import Tree
 
-CONNECT, WELD, JOINT = range(3)  # mjtEq
+CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
 TORQUE_SCALE = 10  # number in the data of a weld
 
 
@@ -37,9 +37,10 @@ class Relations:
         self.model, self.mujoco = tree.file.model, tree.file.mujoco
         self.names = Names(frozenset())
         self.undriven: set[str] = set()  # joints that follow others or are locked
+        self.tendons = Tendons(tree, description, losses)
         self.add_equalities()
-        Drives(tree, description, losses, self.names, self.undriven).add()
-        self.add_tendons()
+        Drives(tree, description, losses, self.names, self.undriven, self.tendons).add()
+        self.tendons.add_forces()
         self.add_lifts()
         self.add_sites()
 
@@ -54,13 +55,14 @@ class Relations:
         for number in range(self.model.neq):
             kind = int(self.model.eq_type[number])
             name = self.tree.name_of("EQUALITY", number) or f"equality{number + 1}"
-            if kind not in (CONNECT, WELD, JOINT):
+            if kind not in (CONNECT, WELD, JOINT, TENDON):
                 self.losses.add("equality", name)
             elif not self.model.eq_active0[number]:
                 self.losses.add("inactive", name)
             else:
                 name = self.tree.new_name(self.names, "EQUALITY", number, name)
-                (self.add_coupling if kind == JOINT else self.add_cut)(number, name)
+                add = {JOINT: self.add_coupling, TENDON: self.add_tendon_coupling}.get(kind, self.add_cut)
+                add(number, name)
         rigid = [cut.name for cut in self.description.cuts] + [own.name for own in self.description.couplings]
         if rigid:
             self.losses.note(
@@ -123,23 +125,41 @@ class Relations:
             self.description.cuts.append(cut)
 
     def add_coupling(self, number: int, name: str) -> None:
-        """Add a coupling: y - y0 = polynomial of x - x0, y being the coordinate of the first joint."""
+        """Add a coupling of joints: y - y0 = polynomial of x - x0, y being the coordinate of the first joint."""
         model, coefficients = self.model, self.model.eq_data[number][:5].copy()
         first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
-        a, follower = self.tree.of_joint[first]
         coefficients[0] += float(model.qpos0[model.jnt_qposadr[first]])
-        if second < 0 or not np.any(coefficients[1:]):
+        joints = [self.tree.of_joint[first], *([self.tree.of_joint[second]] if second >= 0 else [])]
+        origin = float(model.qpos0[model.jnt_qposadr[second]]) if second >= 0 else 0.0
+        self.couple(name, joints, coefficients, origin)
+
+    def add_tendon_coupling(self, number: int, name: str) -> None:
+        """Add an equality constraint of fixed tendons as a coupling of two joints."""
+        model = self.model
+        first, second = int(model.eq_obj1id[number]), int(model.eq_obj2id[number])
+        found = self.tendons.equation(first, second, model.eq_data[number][:5])
+        if found is None:
+            self.losses.add("tendon equality", name)
+            return
+        terms, coefficients, origin = found
+        self.couple(name, [(term.body, term.joint) for term in terms], coefficients, origin)
+
+    def couple(self, name: str, joints: list[tuple[str, ImportedJoint]], coefficients: Any, origin: float) -> None:
+        """Add a coupling: coordinate of the first joint = polynomial of (coordinate of the second - origin)."""
+        a, follower = joints[0]
+        if len(joints) == 1 or not np.any(coefficients[1:]):
             self.lock(follower, float(coefficients[0]), name)
             return
-        b, leader = self.tree.of_joint[second]
+        b, leader = joints[1]
         if not (follower.has_one_coordinate and leader.has_one_coordinate):
             self.losses.add("equality", name)
             return
         if not follower.is_locked:
             follower.start = None
         self.undriven.add(follower.name)
-        x0 = float(model.qpos0[model.jnt_qposadr[second]])
-        self.description.couplings.append(ImportedCoupling(name=name, a=a, b=b, coefficients=coefficients, origin=x0))
+        self.description.couplings.append(
+            ImportedCoupling(name=name, a=a, b=b, coefficients=coefficients, origin=origin)
+        )
 
     def lock(self, joint: ImportedJoint, position: float, name: str) -> None:
         """Lock a joint at a position; forces on it have no effect then."""
@@ -154,39 +174,6 @@ class Relations:
             f"joint {joint.name} is locked by the equality constraint {name}",
             "Its springs, dampers, friction, ranges and drives are left out, since they have no effect",
         )
-
-    def add_tendons(self) -> None:
-        """Add tendons between two sites as springs."""
-        model, wrap_site = self.model, int(self.mujoco.mjtWrap.mjWRAP_SITE)
-        has_springs, has_dampers = (not self.tree.file.disables(flag) for flag in ("SPRING", "DAMPER"))
-        for k in range(model.ntendon):
-            name = self.tree.name_of("TENDON", k) or f"tendon{k + 1}"
-            stiffness = float(model.tendon_stiffness[k]) * has_springs
-            damping = float(model.tendon_damping[k]) * has_dampers
-            if not (stiffness or damping):
-                continue
-            first, free = int(model.tendon_adr[k]), model.tendon_lengthspring[k]
-            path = [int(kind) for kind in model.wrap_type[first : first + int(model.tendon_num[k])]]
-            sites = [int(site) for site in model.wrap_objid[first : first + 2]]
-            bodies = [int(model.site_bodyid[site]) for site in sites] if path == [wrap_site] * 2 else [0, 0]
-            a, b = (self.tree.of_body[body] for body in bodies)
-            if a == b or free[0] != free[1]:
-                self.losses.add("tendon", name)
-                continue
-            at_a, at_b = (self.place(body, model.site_pos[site]) for body, site in zip(bodies, sites, strict=True))
-            own = self.tree.new_name(self.tree.joint_names, "TENDON", k, name)
-            self.description.springs.append(
-                ImportedSpring(
-                    name=own,
-                    a=a,
-                    b=b,
-                    at_a=at_a,
-                    at_b=at_b,
-                    stiffness=stiffness,
-                    damping=damping,
-                    unloaded=float(free[0]),
-                )
-            )
 
     def add_lifts(self) -> None:
         """Add gravity compensation: a force against the weight at the center of mass."""

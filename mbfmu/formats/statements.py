@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .description import Description, ImportedBody, ImportedDrive, ImportedJoint, ImportedShape
-from .literals import axis_text, inertia_text, number_text, real_text, rotation_text, vector_text
-from .names import Names
-
-MAX_LINE_LENGTH = 120
+from .literals import MAX_LINE_LENGTH, axis_text, call, inertia_text, number_text, real_text, rotation_text, vector_text
+from .names import RESERVED, Names
+from .transmission_statements import Units, transmission_lines
 
 
 class Quantities(NamedTuple):
@@ -34,15 +33,6 @@ class Quantities(NamedTuple):
 HINGE = Quantities("angle", "rate", "Angle", "rad", "N.m", "N.m/rad", "N.m.s/rad", "kg.m2", "s/rad", "stop_damping")
 SLIDE = Quantities("position", "velocity", "Displacement", "m", "N", "N/m", "N.s/m", "kg", "s/m", "slide_stop_damping")
 JOINT_QUANTITIES = {"Revolute": HINGE, "Translational": SLIDE}
-
-
-def call(head: str, arguments: Sequence[str], indent: int = 8) -> list[str]:
-    """Return the lines of a call: one if it is short."""
-    line = f"{' ' * indent}{head}({', '.join(arguments)})"
-    if len(line) <= MAX_LINE_LENGTH:
-        return [line]
-    inner = " " * (indent + 4)
-    return [f"{' ' * indent}{head}(", *(f"{inner}{argument}," for argument in arguments), f"{' ' * indent})"]
 
 
 class Statements:
@@ -66,12 +56,14 @@ class Statements:
         self.parameters: list[str] = []
         self.uses_folder = False
         self._parameter_names, self._force_names = Names(frozenset({"stops"})), Names(frozenset())
+        self._blocks = Names(RESERVED | set(self.bodies))  # names of blocks are also those of variables, as of bodies
         self.gravity = self._gravity()
         self.lines = [line for body in description.bodies for line in self._body(body)]
         self._section("loops and couplings", self._constraints())
         self._section("springs, dampers and friction", self._forces())
         self._section("ranges of joints", self._stops())
         self._section("drives", self._drives())
+        self._section("servos and tendons", self._transmissions())
         self._section("outputs", self._outputs())
         self._section("shapes in pictures", self._shapes())
 
@@ -206,23 +198,26 @@ class Statements:
             yield from self._force(f"{joint.name}_friction", f"mb.JointFriction(coulomb={own})", [body], 12)
 
     def _stops(self) -> Iterator[str]:
-        """Yield the stops of joints with a range, and declare their damping."""
+        """Yield the stops of joints and of distances with a range, and declare their damping."""
         limited = {name: body.joint for name, body in self.bodies.items() if body.joint.lower is not None}
-        if not limited:
+        ropes = self.description.distance_ranges
+        if not limited and not ropes:
             return
         text = "Elastic stops at the ranges of joints"
         self.parameters.append(f'    stops: bool = mb.parameter(True, structural=True, doc="{text}")')
-        damping = {}
+        damping, kinds = {}, {joint.kind for joint in limited.values()} | ({"Translational"} if ropes else set())
         for kind, of, joints in (("Revolute", HINGE, "hinges"), ("Translational", SLIDE, "slides")):
-            if any(joint.kind == kind for joint in limited.values()):
+            if kind in kinds:
                 text = f"Damping of the stops of {joints}, see JointStop"
                 damping[kind] = self._parameter(of.stop_parameter, 1.0, of.stop_damping, text, positive=True)
         yield "        if self.stops:"
         for body, joint in limited.items():
-            stiffness = float(f"{joint.stop_stiffness:.4g}")
-            values = [f"lower={number_text(joint.lower or 0.0)}", f"upper={number_text(joint.upper or 0.0)}"]
-            values += [f"stiffness={number_text(stiffness)}", f"damping={damping[joint.kind]}"]
+            values = stop_arguments(joint.lower, joint.upper, joint.stop_stiffness, damping[joint.kind])
             yield from self._force(f"{joint.name}_stop", f"mb.JointStop({', '.join(values)})", [body], 12)
+        for rope in ropes:
+            values = stop_arguments(rope.lower, rope.upper, rope.stiffness, damping["Translational"])
+            values += [f"at_a={vector_text(rope.at_a)}", f"at_b={vector_text(rope.at_b)}"]
+            yield from self._force(f"{rope.name}_stop", f"mb.DistanceStop({', '.join(values)})", [rope.a, rope.b], 12)
 
     def _drives(self) -> Iterator[str]:
         """Yield the inputs and the drives."""
@@ -230,7 +225,7 @@ class Statements:
             of = JOINT_QUANTITIES[self.bodies[drive.body].joint.kind]
             signal = self._signal(drive, of)
             if drive.limits is not None:
-                block, limits = f"{drive.name}_limit", self._limits(drive, of)
+                block, limits = self._blocks.unique(f"{drive.name}_limit"), self._limits(drive, of)
                 yield from call(f"{block} = m.limiter", [f'"{block}"', signal, *limits, f'unit="{of.force}"'])
                 signal = block
             yield from self._force(drive.name, f"mb.JointForce({signal})", [drive.body])
@@ -247,6 +242,14 @@ class Statements:
                     values.append(f"{key}={own}")
                 servo = f"mb.JointSpring({', '.join(values)})"
                 yield from self._force(f"{drive.name}_servo", servo, [drive.body])
+
+    def _transmissions(self) -> Iterator[str]:
+        """Yield limited servos, and forces on linear combinations of joint coordinates."""
+        for own in self.description.transmissions:
+            kinds = {self.bodies[body].joint.kind for body in own.bodies}
+            of = JOINT_QUANTITIES[kinds.pop()] if len(kinds) == 1 else None
+            units = Units() if of is None else Units(of.force, of.stiffness, of.damping)
+            yield from transmission_lines(own, units, self._parameter, self._blocks.unique, self._force)
 
     def _signal(self, drive: ImportedDrive, of: Quantities) -> str:
         """Return the force of a drive as code, and declare its gain."""
@@ -332,6 +335,12 @@ class Statements:
         point = f", {vector_text(at)}" if np.any(at) else ""
         for letter in "xyz":
             yield output(f"{name}.{letter}", f'{body}.position("{letter}"{point})', f"Position {letter} of {name}")
+
+
+def stop_arguments(lower: float | None, upper: float | None, stiffness: float, damping: str) -> list[str]:
+    """Return the arguments of stops as code."""
+    ends = [f"{key}={number_text(end)}" for key, end in (("lower", lower), ("upper", upper)) if end is not None]
+    return [*ends, f"stiffness={number_text(float(f'{stiffness:.4g}'))}", f"damping={damping}"]
 
 
 def text_of(text: str) -> str:

@@ -184,13 +184,18 @@ class Tree:
 
 
 def stop_stiffness(model: Any, j: int, v: int) -> float:
-    """Return the stiffness of the stops of a joint: that of the constraint of MuJoCo in the start position.
+    """Return the stiffness of the stops of joint j with the coordinate v of MuJoCo."""
+    return stiffness_of_range(model.jnt_solref[j], model.jnt_solimp[j], model.dof_invweight0[v])
+
+
+def stiffness_of_range(solref: Vector, solimp: Vector, inverse_inertia: float) -> float:
+    """Return the stiffness of the stops of a range: that of the constraint of MuJoCo in the start position.
 
     MuJoCo's acceleration at the penetration x is -k x with k = 1 / (dmax tc zeta)^2 (time constant tc, damping ratio
-    zeta, largest impedance dmax), or -solref[0] / dmax^2 if solref is negative. The effective inertia at the joint is
-    1 / dof_invweight0.
+    zeta, largest impedance dmax), or -solref[0] / dmax^2 if solref is negative. The effective inertia is that of
+    ``dof_invweight0`` or ``tendon_invweight0``.
     """
-    time, ratio = map(float, model.jnt_solref[j])
-    largest = float(model.jnt_solimp[j][1]) or 1.0
+    time, ratio = map(float, solref)
+    largest = float(solimp[1]) or 1.0
     rate = 1.0 / (largest * time * ratio) ** 2 if time > 0.0 and ratio > 0.0 else abs(time) / largest**2
-    return rate / float(model.dof_invweight0[v] or 1.0)
+    return rate / (float(inverse_inertia) or 1.0)

@@ -331,3 +331,20 @@ def test_the_command_writes_both_formats(
     status, _, err = command("export", "pendulum", "--strict")
     assert status == 2
     assert "--strict is given without --mjcf or --urdf" in err
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--solver", "adams"], ["--tolerance", "1e-6"], ["--no-start-at-equilibrium"], ["--stop-time", "1"],
+        ["--interval", "0.1"], ["--fmi", "3"], ["--native"], ["--platforms", "x86_64-linux"],
+    ],
+)  # fmt: skip
+def test_options_of_fmus_are_refused_for_other_files(
+    command: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for kind in ("--mjcf", "--urdf"):
+        status, _, err = command("export", "pendulum", kind, *given)
+        assert (status, list(tmp_path.iterdir())) == (2, [])
+        assert f"{given[0]} is given with {kind}; allowed: options of the mechanism, such as --set" in err

@@ -61,6 +61,7 @@ MACHINE = """
   <actuator>
     <motor name="push" joint="rail" gear="2.5"/>
     <position name="turn" joint="turn" kp="12" kv="0.8" gear="1.5"/>
+    <position name="hold" joint="wrist" kp="9" kv="0.5" ctrlrange="-1 1" forcerange="-2 1.5"/>
     <motor name="blow" joint="spin" ctrllimited="true" ctrlrange="-0.5 1" forcelimited="true" forcerange="-1 0.6"/>
   </actuator>
   <equality>
@@ -101,16 +102,24 @@ def remove_lost(model: Any) -> None:
     for flag in DISABLED:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     model.opt.density = model.opt.viscosity = 0.0
-    model.actuator_forcelimited[np.any(model.actuator_biasprm[:, :3], axis=1)] = False  # of servos
     model.tendon_armature[:] = 0.0
     of_ball = np.isin(model.jnt_type, (0, 1))
     model.dof_damping[of_ball[model.dof_jntid]] = 0.0
     model.dof_armature[of_ball[model.dof_jntid]] = 0.0
     for k in range(model.nu):
-        on_ball = model.actuator_trntype[k] > 1 or of_ball[model.actuator_trnid[k][0]]
-        if on_ball or model.actuator_dyntype[k] or model.actuator_gaintype[k] or model.actuator_biastype[k] > 1:
+        on_joint, target = model.actuator_trntype[k] <= 1, model.actuator_trnid[k][0]
+        is_lost = of_ball[target] if on_joint else not is_fixed_tendon(model, k, target)
+        if is_lost or model.actuator_dyntype[k] or model.actuator_gaintype[k] or model.actuator_biastype[k] > 1:
             model.actuator_gainprm[k] = model.actuator_biasprm[k] = 0.0
             model.actuator_gaintype[k] = model.actuator_biastype[k] = 0
+
+
+def is_fixed_tendon(model: Any, k: int, target: int) -> bool:
+    """Whether an actuator acts on a tendon of up to three joints."""
+    if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_TENDON:
+        return False
+    kinds = model.wrap_type[model.tendon_adr[target] :][: model.tendon_num[target]]
+    return len(kinds) <= 3 and bool(np.all(kinds == int(mujoco.mjtWrap.mjWRAP_JOINT)))
 
 
 def random_state(model: Any, seed: int) -> Any:
@@ -124,8 +133,9 @@ def random_state(model: Any, seed: int) -> Any:
 
 
 def set_controls(compiled: CompiledMechanism, description: Any, model: Any, data: Any) -> None:
+    given = (*description.drives, *description.transmissions)
     for index, variable in enumerate(compiled.inputs.variables):
-        drive = next(drive for drive in description.drives if drive.input == variable.name)
+        drive = next(own for own in given if own.input == variable.name)
         for k in range(model.nu):
             if (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, k) or f"actuator{k + 1}") == drive.name:
                 compiled.inputs.start(index, float(data.ctrl[k]))

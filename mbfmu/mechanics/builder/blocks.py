@@ -258,6 +258,50 @@ class Blocks(States):
         one, row = np.ones((1, 1)), np.zeros((0, 1))
         return self._linear(name, {"source": source}, NO_MATRIX, row, row.T, one, [0.0], [], [unit], limits=limits)
 
+    def weighted_sum(
+        self,
+        name: str,
+        sources: Sequence[Any],
+        weights: Sequence[float],
+        *,
+        lower: float | None = None,
+        upper: float | None = None,
+        unit: str = "1",
+    ) -> BlockHandle:
+        """Add a weighted sum of inputs within limits: y = w1 u1 + w2 u2 + ..., as of a servo with a limited force.
+
+        Parameters
+        ----------
+        name
+            Unique name among the blocks.
+        sources
+            Inputs u, 1 to 8.
+        weights
+            Weight of each input, in units of the output per unit of the input.
+        lower, upper
+            Limits of the output, in its unit; None: no limit.
+        unit
+            Unit of the output in the notation of FMI.
+
+        Returns
+        -------
+        BlockHandle
+            Handle of the block, which has no state.
+
+        Raises
+        ------
+        UserError
+            As for :meth:`lag`; or the numbers of inputs and weights differ; or the lower limit is not less than the
+            upper one.
+        """
+        what = f"block {name!r}"
+        if not isinstance(sources, list | tuple):
+            raise UserError(f"sources of {what} are {sources!r}; allowed: a list of inputs")
+        D = matrix(f"weights of {what}", [weights], (1, len(sources)))
+        given = {f"source {k}": source for k, source in enumerate(sources)}
+        limits, B, C = limits_of(what, lower, upper), np.zeros((0, len(sources))), np.zeros((1, 0))
+        return self._linear(name, given, NO_MATRIX, B, C, D, [0.0] * len(sources), [], [unit], limits=limits)
+
     def _linear(
         self,
         name: str,
