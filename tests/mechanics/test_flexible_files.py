@@ -13,6 +13,7 @@ import mbfmu as mb
 from mbfmu.util.errors import UserError
 
 BLOCK, BRACKET = block(), bracket()
+CALCULIX = Path(__file__).parents[1] / "data" / "calculix"
 FIRST, STEP = 11, 7  # numbers of nodes: 11, 18, 25, ...
 
 
@@ -88,6 +89,19 @@ def test_matrices_of_calculix(folder: Path) -> None:
     exact = mb.FlexibleBody.from_fe(BLOCK.M, BLOCK.K, BLOCK.nodes, {"left": BLOCK.face(0, False)}, modes=4)
     check_same(calculix(folder), exact)
     check_same(calculix(folder, left=[number(int(k)) for k in BLOCK.face(0, False)]), exact)
+
+
+def test_files_that_calculix_has_written_have_its_frequencies() -> None:
+    """Described in ``tests/data/calculix``; CalculiX writes seven digits."""
+    files = [CALCULIX / f"block.{ending}" for ending in ("mas", "sti", "inp")]
+    rest: dict[str, Any] = {"rows": CALCULIX / "block.dof", "length_unit": "mm", "modes": 4}
+    for wall in ([1, 4, 11, 14], lambda x: x[:, 0] < 1e-9):
+        body = mb.FlexibleBody.from_files(*files, {"wall": wall}, **rest)
+        np.testing.assert_allclose(
+            body.frequencies, [0.3410993e5, 0.3818945e5, 0.8405359e5, 0.1465560e6], rtol=2e-7, atol=0.0
+        )
+        assert body.mass == pytest.approx(7850.0 * 0.06 * 0.02 * 0.015, rel=1e-12)
+        np.testing.assert_allclose(body.com, (0.03, 0.0, 0.0), atol=1e-14)
 
 
 @pytest.mark.parametrize(
