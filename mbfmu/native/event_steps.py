@@ -13,7 +13,7 @@ from mbfmu.session.sampled_blocks import EQUAL_TIME_SPACINGS
 from solvers.compiled.kernel import inlined, jit_uncached, kernel
 from solvers.energy_account import WORK
 from solvers.outcome import MAX_STEPS, OK
-from solvers.stepper import spacing
+from solvers.resolution import spacing
 
 from .event_actions import (
     begin_events,

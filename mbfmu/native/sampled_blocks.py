@@ -11,7 +11,7 @@ from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.session.sampled_blocks import EQUAL_TIME_SPACINGS
 from solvers.compiled.kernel import kernel
-from solvers.stepper import spacing
+from solvers.resolution import spacing
 from solvers.system import Array
 
 

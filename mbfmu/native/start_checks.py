@@ -16,8 +16,8 @@ from mbfmu.util.diagnostics import Diagnostic
 from solvers.compiled.kernel import kernel
 from solvers.linalg.dense import apply_Q
 from solvers.loop_closure import ASSEMBLED, Outcome, factor_scaled_jacobian
+from solvers.resolution import RESOLVED, UNRESOLVED_TIME, find_unresolved
 from solvers.statics.newton import MAX_STATE_DISTANCE
-from solvers.stepper import RESOLVED, UNRESOLVED_TIME, find_unresolved
 from solvers.system import Array
 
 
@@ -151,7 +151,7 @@ def mark_free_rates(J: Any, rank: int, work: Any) -> int:
 
 @kernel
 def check_resolution(t: float, rate: float, q: Any, size_q: Any, rtol: float, worst: Any) -> int:
-    """Whether numbers resolve t (s) and q (nq,), see :func:`solvers.stepper.find_unresolved`."""
+    """Whether numbers resolve t (s) and q (nq,), see :func:`solvers.resolution.find_unresolved`."""
     k = find_unresolved(t, rate, q, size_q, rtol)
     if k == RESOLVED:
         return ASSEMBLED

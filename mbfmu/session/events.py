@@ -14,7 +14,7 @@ from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.outcome import OK
-from solvers.stepper import spacing
+from solvers.resolution import spacing
 from solvers.system import Array
 
 from .event_search import CrossingSearch

@@ -10,7 +10,7 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.mechanics.sampling import SampledBlock
 from mbfmu.util.errors import UserError
-from solvers.stepper import spacing
+from solvers.resolution import spacing
 from solvers.system import AnySystem, Array
 
 from .stepper_run import StepperRun

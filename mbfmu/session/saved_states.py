@@ -14,7 +14,8 @@ from mbfmu.modeling.settings import Settings
 from mbfmu.util.diagnostics import Diagnostic, from_saved
 from mbfmu.util.errors import UserError
 from solvers import Options, stepper
-from solvers.stepper import ResolutionError, Stepper, pack, unpack
+from solvers.resolution import ResolutionError
+from solvers.stepper import Stepper, pack, unpack
 from solvers.steppers import SOLVER_NAMES, fingerprint_of_solver
 from solvers.steppers.guard import GuardedStepper
 

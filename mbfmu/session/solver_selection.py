@@ -31,7 +31,7 @@ from mbfmu.util.text_table import format_count
 from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
-from solvers.stepper import MIN_RATE_PER_DURATION
+from solvers.resolution import MIN_RATE_PER_DURATION
 from solvers.steppers import MAX_RADAU_COORDINATES, describe_order_refusal, eliminates_constraints
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array
 

@@ -11,7 +11,8 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays import input_kernels
 from solvers import SolverError
 from solvers.compiled.tuple_pointer import pin
-from solvers.stepper import Stepper, start_rate
+from solvers.resolution import start_rate
+from solvers.stepper import Stepper
 from solvers.steppers.guard import GuardedStepper
 
 from .kernels.points import (

@@ -19,7 +19,7 @@ import numpy as np
 
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.outcome import CODES, Code
-from solvers.stepper import start_rate
+from solvers.resolution import start_rate
 from solvers.system import Array, TreeSystem
 
 from .products import Products

@@ -15,7 +15,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.svd import decompose
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
-from solvers.stepper import start_rate
+from solvers.resolution import start_rate
 from solvers.system import Array, Terms, TreeSystem
 
 from .projection import MAX_PROJECTION_CORRECTIONS

@@ -32,7 +32,8 @@ from solvers.projection.singular import (
     record_accepted,
 )
 from solvers.projection.workspace import Workspace, count_motions, evaluate_and_factor, factor
-from solvers.stepper import Stepper, coordinate_rate, require_resolution, start_rate
+from solvers.resolution import coordinate_rate, require_resolution, start_rate
+from solvers.stepper import Stepper
 from solvers.system import Array, Equations, System, Terms
 
 from .formulation import Formulation
@@ -67,7 +68,7 @@ def estimate_rates(
     duration: float,
     work: Workspace,
 ) -> None:
-    """Note the rate of the motion (1/s, see :func:`solvers.stepper.start_rate`), and of every coordinate's own part
+    """Note the rate of the motion (1/s, see :func:`solvers.resolution.start_rate`), and of every coordinate's own part
     in it: a stiff spring at one of them is not to make the others' tolerances coarse.
 
     First-order states have no part in it, however fast they are: their tolerances follow from their nominal values.

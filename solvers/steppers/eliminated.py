@@ -23,7 +23,7 @@ from solvers.projection.eliminated import (
 )
 from solvers.projection.eliminated_crossing import UNRESOLVED_LENGTH, evaluate_closed
 from solvers.projection.singular import BIFURCATION, IMPERFECT
-from solvers.stepper import require_resolution, start_rate
+from solvers.resolution import require_resolution, start_rate
 from solvers.system import AnySystem, Array, EliminationEquations, Tangent
 
 from .formulation import Formulation

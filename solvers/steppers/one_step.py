@@ -32,7 +32,7 @@ from solvers.energy_account import (
 )
 from solvers.options import Options, Statistics
 from solvers.outcome import Code
-from solvers.stepper import start_rate
+from solvers.resolution import start_rate
 from solvers.system import AnySystem, Array
 
 from .formulation import formulate, record_work

@@ -16,7 +16,8 @@ from typing import Any
 
 from solvers.diagnostics import Diagnostic
 from solvers.outcome import UserSolverError
-from solvers.stepper import ResolutionError, Stepper
+from solvers.resolution import ResolutionError
+from solvers.stepper import Stepper
 from solvers.system import AnySystem
 
 from .one_step import MAX_ORDER, OneStepSolver

@@ -11,10 +11,10 @@ from typing import Any
 
 from solvers.compiled.kernel import inlined
 from solvers.projection.singular import IMPERFECT
-from solvers.stepper import is_discontinuity, min_step_length
+from solvers.resolution import is_discontinuity, min_step_length
 
 FIRST_STEP_RATIO = 0.1  # first step, in units of one over the rate of the motion
-MIN_STEP_RATIO = 1e-11  # see solvers.stepper.min_step_length
+MIN_STEP_RATIO = 1e-11  # see solvers.resolution.min_step_length
 STEP_SAFETY_FACTOR = 0.9  # of the step that follows from the error estimate
 MIN_STEP_CHANGE = 0.2  # next step in units of this one, at least
 TARGET_TOLERANCE = 1e-9  # part of a step: a step ends at the requested time if its end is so near

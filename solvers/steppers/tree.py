@@ -15,7 +15,7 @@ from solvers.options import Options
 from solvers.outcome import Code
 from solvers.positions import Positions
 from solvers.projection.saddle import Accelerations, count_freedom, motion_rate, project
-from solvers.stepper import require_resolution
+from solvers.resolution import require_resolution
 from solvers.system import Array, TreeEquations, TreeSystem
 
 from .formulation import Formulation

@@ -130,7 +130,7 @@ def test_stresses_that_do_not_exist_are_refused() -> None:
         (lambda: handle.stress(0, "x"), "component of the stress in 'bar' is 'x'; allowed: 'xx'"),
         (lambda: handle.stress(10**6), "node is 1000000; allowed: a number from 0 to"),
         (lambda: handle.stress((0.0, 1.0)), "node is"),
-        (lambda: beam.stress(0), "stress of elastic body 'beam': it is a Beam"),
+        (lambda: beam.stress(0), "stress of flexible body 'beam': it is a Beam"),
         (lambda: body.stress([1.0]), r"amplitudes have the shape \(1,\); allowed"),
     ):
         with pytest.raises(mb.UserError, match=message):

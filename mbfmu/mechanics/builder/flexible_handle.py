@@ -114,7 +114,7 @@ class FlexibleHandle:
         """
         if not isinstance(self.elastic, FlexibleBody):
             raise UserError(
-                f"stress of elastic body {self.name!r}: it is a Beam; allowed for bodies of FlexibleBody.from_mesh. "
+                f"stress of flexible body {self.name!r}: it is a Beam; allowed for bodies of FlexibleBody.from_mesh. "
                 "The bending moment is moment(x)"
             )
         one_of(f"component of the stress in {self.name!r}", component, (*STRESS_COMPONENTS, VON_MISES))

@@ -99,7 +99,7 @@ def add_body(
             H[n + i, n + j] += unit * (length if j < 3 else 1.0) * here.IA[i, j]
     for k in range(front.nv):
         g[begin + k] -= own.size[front.vf + k] * state.Q[front.vi + k]
-    if front.is_elastic == 1:
+    if front.is_flexible == 1:
         add_amplitudes(front, state, own, memory)
     if front.nv > 0 and armature != 0.0:
         H[begin, begin] += own.size[front.vf] * own.size[front.vf] * armature
@@ -107,9 +107,9 @@ def add_body(
 
 @kernel
 def add_amplitudes(front: FrontRecord, state: State, own: EliminationArrays, memory: EliminationMemory) -> None:
-    """Add inertia and bias of the amplitudes of an elastic body, which do not move its frame.
+    """Add inertia and bias of the amplitudes of a flexible body, which do not move its frame.
 
-    They are those of :func:`mbfmu.mechanics.recursions.aba.initialize_elastic_inertia`.
+    They are those of :func:`mbfmu.mechanics.recursions.aba.initialize_flexible_inertia`.
     """
     H, g, length, begin, n = memory.H, memory.g, own.length[0], front.ny - front.nv, front.ny + front.np
     for c in range(front.nv):

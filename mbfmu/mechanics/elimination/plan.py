@@ -1,7 +1,7 @@
 """The order in which the bodies of a mechanism with loops are eliminated, and what each front has: made once.
 
 Variables are the motions of bodies (six components each), the coordinates that couplings relate, and the amplitudes of
-elastic bodies, which the sections of one body share. A *front* belongs to one body; it eliminates the motion of that
+flexible bodies, which the sections of one body share. A *front* belongs to one body; it eliminates the motion of that
 body and the coordinates of its joint: those of a section are the amplitudes, which its parent eliminates, the first
 section. Its *interface* are the variables
 that remain: the motion of the parent, and what constraint equations connect that is not eliminated yet. What remains of
@@ -76,7 +76,7 @@ class Elimination:
     equations
         Variables of every constraint equation, none of the ground.
     amplitudes
-        Number of coordinates of the parent that move a body, of sections of elastic bodies.
+        Number of coordinates of the parent that move a body, of sections of flexible bodies.
     """
 
     def __init__(

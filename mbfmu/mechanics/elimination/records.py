@@ -32,7 +32,7 @@ class FrontRecord(Record):
     nv: i8  # own coordinates
     ns: i8  # coordinates that move the body relative to its parent: its own, or of a section the amplitudes
     at_joint: i8  # place of these
-    is_elastic: i8  # 1: its coordinates are the amplitudes of an elastic body
+    is_flexible: i8  # 1: its coordinates are the amplitudes of a flexible body
     vi: i8  # where they start in State.v
     si: i8  # ... in State.S
     vf: i8  # ... in the solver's free v; -1: the joint has none
@@ -236,7 +236,7 @@ def lay_out(
         record["body"], record["parent"] = front.body, body["parent"]
         record["vi"], record["si"], record["vf"] = body["vi"], body["si"], body["vf"]
         record["nv"], record["ns"] = counts[front.body], body["nv"] if body["vf"] >= 0 else 0
-        record["is_elastic"] = body["role"] == MODAL
+        record["is_flexible"] = body["role"] == MODAL
         record["np"], record["target"] = front.interface_width, front.target
         places.append(local_places(front, int(record["nv"])))
         if body["role"] == SECTION:

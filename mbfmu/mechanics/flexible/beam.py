@@ -87,7 +87,7 @@ class Beam:
 
     @property
     def size(self) -> float:
-        """Length, m, as of every elastic body."""
+        """Length, m, as of every flexible body."""
         return self.length
 
     @cached_property

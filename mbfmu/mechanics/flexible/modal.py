@@ -41,95 +41,95 @@ def add_section_bias(
 
 
 @inlined
-def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals, numbers: Reals) -> None:
+def composite(flexible: FlexibleRecord, here: MotionRecord, q: Reals, numbers: Reals) -> None:
     """Mass, first moment and inertia about the origin of the deformed body, global axes."""
-    if elastic.at < 0:
-        planar.composite(elastic, here, q)
+    if flexible.at < 0:
+        planar.composite(flexible, here, q)
     else:
-        solid.composite(elastic, here, q, numbers)
+        solid.composite(flexible, here, q, numbers)
 
 
 @inlined
-def modal_mass(elastic: FlexibleRecord, k: int, numbers: Reals) -> float:
+def modal_mass(flexible: FlexibleRecord, k: int, numbers: Reals) -> float:
     """mu_k, kg."""
-    return elastic.mu[k] if elastic.at < 0 else solid.modal_mass(elastic, k, numbers)
+    return flexible.mu[k] if flexible.at < 0 else solid.modal_mass(flexible, k, numbers)
 
 
 @inlined
-def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Reals, numbers: Reals, out: Reals) -> None:
+def coupling(flexible: FlexibleRecord, k: int, here: MotionRecord, q: Reals, numbers: Reals, out: Reals) -> None:
     """out = momentum wrench of p'_k = 1 about the origin, global axes."""
-    if elastic.at < 0:
-        planar.coupling(elastic, k, here, q, out)
+    if flexible.at < 0:
+        planar.coupling(flexible, k, here, q, out)
     else:
-        solid.coupling(elastic, k, here, q, numbers, out)
+        solid.coupling(flexible, k, here, q, numbers, out)
 
 
 @inlined
-def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals) -> None:
+def inertia(flexible: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals) -> None:
     """Add inertia to the wrench W of the frame and to State.tau of the amplitudes."""
-    if elastic.at < 0:
-        planar.inertia(elastic, here, state)
+    if flexible.at < 0:
+        planar.inertia(flexible, here, state)
     else:
-        solid.inertia(elastic, here, state, numbers)
+        solid.inertia(flexible, here, state, numbers)
 
 
 @inlined
-def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, out: Reals) -> None:
+def momentum(flexible: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, out: Reals) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
-    if elastic.at < 0:
-        planar.momentum(elastic, here, state, out)
+    if flexible.at < 0:
+        planar.momentum(flexible, here, state, out)
     else:
-        solid.momentum(elastic, here, state, numbers, out)
+        solid.momentum(flexible, here, state, numbers, out)
 
 
 @inlined
-def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: State, numbers: Reals) -> float:
+def modal_momentum(flexible: FlexibleRecord, k: int, here: MotionRecord, state: State, numbers: Reals) -> float:
     """dT/dp'_k."""
-    if elastic.at < 0:
-        return planar.modal_momentum(elastic, k, here, state)
-    return solid.modal_momentum(elastic, k, here, state, numbers)
+    if flexible.at < 0:
+        return planar.modal_momentum(flexible, k, here, state)
+    return solid.modal_momentum(flexible, k, here, state, numbers)
 
 
 @kernel
-def kinetic(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, scratch: Reals) -> float:
+def kinetic(flexible: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, scratch: Reals) -> float:
     """T = (Y . momentum wrench + p' . dT/dp') / 2, J."""
     for i in range(6):
         scratch[i] = 0.0
-    momentum(elastic, here, state, numbers, scratch)
+    momentum(flexible, here, state, numbers, scratch)
     total = 0.0 * scratch[0]
     for i in range(6):
         total += 0.5 * here.Y[i] * scratch[i]
-    for k in range(elastic.modes):
-        total += 0.5 * state.v[elastic.vi + k] * modal_momentum(elastic, k, here, state, numbers)
+    for k in range(flexible.modes):
+        total += 0.5 * state.v[flexible.vi + k] * modal_momentum(flexible, k, here, state, numbers)
     return total
 
 
 @inlined
-def apply_elastic_forces(elastic: FlexibleRecord, state: State, numbers: Reals) -> None:
+def apply_elastic_forces(flexible: FlexibleRecord, state: State, numbers: Reals) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
-    if elastic.at < 0:
-        planar.apply_elastic_forces(elastic, state)
+    if flexible.at < 0:
+        planar.apply_elastic_forces(flexible, state)
     else:
-        solid.apply_elastic_forces(elastic, state, numbers)
+        solid.apply_elastic_forces(flexible, state, numbers)
 
 
 @inlined
-def potential(elastic: FlexibleRecord, state: State, numbers: Reals) -> float:
+def potential(flexible: FlexibleRecord, state: State, numbers: Reals) -> float:
     """Strain energy, J."""
-    return planar.potential(elastic, state) if elastic.at < 0 else solid.potential(elastic, state, numbers)
+    return planar.potential(flexible, state) if flexible.at < 0 else solid.potential(flexible, state, numbers)
 
 
 @inlined
-def power(elastic: FlexibleRecord, state: State, numbers: Reals) -> float:
+def power(flexible: FlexibleRecord, state: State, numbers: Reals) -> float:
     """Power of the damping, W."""
-    return planar.power(elastic, state) if elastic.at < 0 else solid.power(elastic, state, numbers)
+    return planar.power(flexible, state) if flexible.at < 0 else solid.power(flexible, state, numbers)
 
 
 @inlined
 def gravity_potential(
-    elastic: FlexibleRecord, here: MotionRecord, state: State, gravity: Reals, numbers: Reals
+    flexible: FlexibleRecord, here: MotionRecord, state: State, gravity: Reals, numbers: Reals
 ) -> float:
     """Energy in the gravity field, zero at the global origin, J."""
-    if elastic.at < 0:
-        return planar.gravity_potential(elastic, here, state, gravity)
-    return solid.gravity_potential(elastic, here, state, gravity, numbers)
+    if flexible.at < 0:
+        return planar.gravity_potential(flexible, here, state, gravity)
+    return solid.gravity_potential(flexible, here, state, gravity, numbers)

@@ -99,34 +99,34 @@ def add_section_bias(body: BodyRecord, node: NodeRecord, frame: MotionRecord, st
 
 
 @kernel
-def moments(elastic: FlexibleRecord, q: Reals) -> tuple[float, float, float, float, float]:
+def moments(flexible: FlexibleRecord, q: Reals) -> tuple[float, float, float, float, float]:
     """S_x, S_y, P_xx, P_xy, P_yy."""
-    qi, shortens = elastic.qi, elastic.shortens
-    sx = elastic.X1 - 0.5 * quadratic(elastic.g0, shortens, q, qi, q, qi)
-    pxx = elastic.X2 - quadratic(elastic.g1, shortens, q, qi, q, qi)
+    qi, shortens = flexible.qi, flexible.shortens
+    sx = flexible.X1 - 0.5 * quadratic(flexible.g0, shortens, q, qi, q, qi)
+    pxx = flexible.X2 - quadratic(flexible.g1, shortens, q, qi, q, qi)
     sy, pxy, pyy = 0.0 * sx, 0.0 * sx, 0.0 * sx
-    for k in range(elastic.modes):
+    for k in range(flexible.modes):
         p = q[qi + k]
-        sy += elastic.a[k] * p
-        pxy += elastic.c[k] * p
-        pyy += elastic.mu[k] * p * p
+        sy += flexible.a[k] * p
+        pxy += flexible.c[k] * p
+        pyy += flexible.mu[k] * p * p
     return sx, sy, pxx, pxy, pyy
 
 
 @kernel
-def shift_rate(elastic: FlexibleRecord, k: int, q: Reals) -> float:
+def shift_rate(flexible: FlexibleRecord, k: int, q: Reals) -> float:
     """x component of S_k, -(g0 p)_k."""
-    if elastic.shortens == 0:
-        return 0.0 * q[elastic.qi]
-    return -row_times(elastic.g0, k, elastic.shortens, q, elastic.qi)
+    if flexible.shortens == 0:
+        return 0.0 * q[flexible.qi]
+    return -row_times(flexible.g0, k, flexible.shortens, q, flexible.qi)
 
 
 @kernel
-def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals) -> None:
+def composite(flexible: FlexibleRecord, here: MotionRecord, q: Reals) -> None:
     """Mass, first moment and second moment about the origin of the bent body, global axes."""
     A = here.A
-    sx, sy, pxx, pxy, pyy = moments(elastic, q)
-    here.mass = elastic.mass
+    sx, sy, pxx, pxy, pyy = moments(flexible, q)
+    here.mass = flexible.mass
     for i in range(3):
         here.mc[i] = A[i, 0] * sx + A[i, 1] * sy
         for j in range(3):
@@ -139,43 +139,43 @@ def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals) -> None:
 
 
 @kernel
-def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Reals, out: Reals) -> None:
+def coupling(flexible: FlexibleRecord, k: int, here: MotionRecord, q: Reals, out: Reals) -> None:
     """out = momentum wrench of p'_k = 1 about the origin, global axes: (S_k, h_k)."""
     for i in range(6):
         out[i] = 0.0
-    add_from_body_axes(here.A, shift_rate(elastic, k, q), elastic.a[k], 0.0, out, 0)
-    add_from_body_axes(here.A, 0.0, 0.0, elastic.c[k], out, 3)
+    add_from_body_axes(here.A, shift_rate(flexible, k, q), flexible.a[k], 0.0, out, 0)
+    add_from_body_axes(here.A, 0.0, 0.0, flexible.c[k], out, 3)
 
 
 @kernel
-def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State) -> None:
+def inertia(flexible: FlexibleRecord, here: MotionRecord, state: State) -> None:
     """Add f and n to the wrench W of the frame and the tau_k to State.tau (module docstring)."""
-    A, q, v, a, qi, vi = here.A, state.q, state.v, state.a, elastic.qi, elastic.vi
+    A, q, v, a, qi, vi = here.A, state.q, state.v, state.a, flexible.qi, flexible.vi
     ax, ay, az = to_body_axis(A, here.dY, 0)
     bx, by, bz = to_body_axis(A, here.dY, 3)
     wx, wy, wz = to_body_axis(A, here.Y, 3)
-    sx, sy, pxx, pxy, pyy = moments(elastic, q)
+    sx, sy, pxx, pxy, pyy = moments(flexible, q)
     # rates by p' and what p'' moves
     dsx, dsy, dpxy, dpyy = 0.0 * sx, 0.0 * sx, 0.0 * sx, 0.0 * sx
-    ux = -quadratic(elastic.g0, elastic.shortens, v, vi, v, vi)
+    ux = -quadratic(flexible.g0, flexible.shortens, v, vi, v, vi)
     uy, hz = 0.0 * sx, 0.0 * sx
-    dpxx = -2.0 * quadratic(elastic.g1, elastic.shortens, q, qi, v, vi)
-    for k in range(elastic.modes):
-        back = shift_rate(elastic, k, q)
+    dpxx = -2.0 * quadratic(flexible.g1, flexible.shortens, q, qi, v, vi)
+    for k in range(flexible.modes):
+        back = shift_rate(flexible, k, q)
         dsx += back * v[vi + k]
-        dsy += elastic.a[k] * v[vi + k]
-        dpxy += elastic.c[k] * v[vi + k]
-        dpyy += 2.0 * elastic.mu[k] * q[qi + k] * v[vi + k]
+        dsy += flexible.a[k] * v[vi + k]
+        dpxy += flexible.c[k] * v[vi + k]
+        dpyy += 2.0 * flexible.mu[k] * q[qi + k] * v[vi + k]
         ux += back * a[vi + k]
-        uy += elastic.a[k] * a[vi + k]
-        hz += elastic.c[k] * a[vi + k]
-        tau = elastic.mu[k] * (a[vi + k] - q[qi + k] * (wx * wx + wz * wz)) + elastic.c[k] * (bz + wx * wy)
-        tau += back * ax + elastic.a[k] * ay
-        if elastic.shortens > 0:
-            tau += row_times(elastic.g1, k, elastic.shortens, q, qi) * (wy * wy + wz * wz)
+        uy += flexible.a[k] * a[vi + k]
+        hz += flexible.c[k] * a[vi + k]
+        tau = flexible.mu[k] * (a[vi + k] - q[qi + k] * (wx * wx + wz * wz)) + flexible.c[k] * (bz + wx * wy)
+        tau += back * ax + flexible.a[k] * ay
+        if flexible.shortens > 0:
+            tau += row_times(flexible.g1, k, flexible.shortens, q, qi) * (wy * wy + wz * wz)
         state.tau[vi + k] += tau
     # w x S, then f
-    m = elastic.mass
+    m = flexible.mass
     px, py, pz = -wz * sy, wz * sx, wx * sy - wy * sx
     fx = m * ax - bz * sy + wy * pz - wz * py - 2.0 * wz * dsy + ux
     fy = m * ay + bz * sx + wz * px - wx * pz + 2.0 * wz * dsx + uy
@@ -190,18 +190,18 @@ def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State) -> None:
 
 
 @kernel
-def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, out: Reals) -> None:
+def momentum(flexible: FlexibleRecord, here: MotionRecord, state: State, out: Reals) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
-    A, v, vi = here.A, state.v, elastic.vi
+    A, v, vi = here.A, state.v, flexible.vi
     vx, vy, vz = to_body_axis(A, here.Y, 0)
     wx, wy, wz = to_body_axis(A, here.Y, 3)
-    sx, sy, pxx, pxy, pyy = moments(elastic, state.q)
+    sx, sy, pxx, pxy, pyy = moments(flexible, state.q)
     dx, dy, h = 0.0 * sx, 0.0 * sx, 0.0 * sx
-    for k in range(elastic.modes):
-        dx += shift_rate(elastic, k, state.q) * v[vi + k]
-        dy += elastic.a[k] * v[vi + k]
-        h += elastic.c[k] * v[vi + k]
-    m = elastic.mass
+    for k in range(flexible.modes):
+        dx += shift_rate(flexible, k, state.q) * v[vi + k]
+        dy += flexible.a[k] * v[vi + k]
+        h += flexible.c[k] * v[vi + k]
+    m = flexible.mass
     add_from_body_axes(A, m * vx - wz * sy + dx, m * vy + wz * sx + dy, m * vz + wx * sy - wy * sx, out, 0)
     add_from_body_axes(
         A,
@@ -214,45 +214,45 @@ def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, out: Rea
 
 
 @kernel
-def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: State) -> float:
+def modal_momentum(flexible: FlexibleRecord, k: int, here: MotionRecord, state: State) -> float:
     """dT/dp'_k."""
     _, _, wz = to_body_axis(here.A, here.Y, 3)
     vx, vy, _ = to_body_axis(here.A, here.Y, 0)
-    back = shift_rate(elastic, k, state.q)
-    return back * vx + elastic.a[k] * vy + elastic.c[k] * wz + elastic.mu[k] * state.v[elastic.vi + k]
+    back = shift_rate(flexible, k, state.q)
+    return back * vx + flexible.a[k] * vy + flexible.c[k] * wz + flexible.mu[k] * state.v[flexible.vi + k]
 
 
 @kernel
-def apply_elastic_forces(elastic: FlexibleRecord, state: State) -> None:
+def apply_elastic_forces(flexible: FlexibleRecord, state: State) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
-    for k in range(elastic.modes):
-        p, rate = state.q[elastic.qi + k], state.v[elastic.vi + k]
-        state.Q[elastic.vi + k] -= elastic.kappa[k] * (p + elastic.beta * rate)
+    for k in range(flexible.modes):
+        p, rate = state.q[flexible.qi + k], state.v[flexible.vi + k]
+        state.Q[flexible.vi + k] -= flexible.kappa[k] * (p + flexible.beta * rate)
 
 
 @kernel
-def potential(elastic: FlexibleRecord, state: State) -> float:
+def potential(flexible: FlexibleRecord, state: State) -> float:
     """Strain energy, J."""
-    total = 0.0 * state.q[elastic.qi]
-    for k in range(elastic.modes):
-        total += 0.5 * elastic.kappa[k] * state.q[elastic.qi + k] ** 2
+    total = 0.0 * state.q[flexible.qi]
+    for k in range(flexible.modes):
+        total += 0.5 * flexible.kappa[k] * state.q[flexible.qi + k] ** 2
     return total
 
 
 @kernel
-def power(elastic: FlexibleRecord, state: State) -> float:
+def power(flexible: FlexibleRecord, state: State) -> float:
     """-beta sum kappa_k p'_k^2, W."""
-    total = 0.0 * state.v[elastic.vi]
-    for k in range(elastic.modes):
-        total -= elastic.beta * elastic.kappa[k] * state.v[elastic.vi + k] ** 2
+    total = 0.0 * state.v[flexible.vi]
+    for k in range(flexible.modes):
+        total -= flexible.beta * flexible.kappa[k] * state.v[flexible.vi + k] ** 2
     return total
 
 
 @kernel
-def gravity_potential(elastic: FlexibleRecord, here: MotionRecord, state: State, g: Reals) -> float:
+def gravity_potential(flexible: FlexibleRecord, here: MotionRecord, state: State, g: Reals) -> float:
     """Energy in the gravity field g, zero at the global origin, J."""
-    sx, sy, _, _, _ = moments(elastic, state.q)
+    sx, sy, _, _, _ = moments(flexible, state.q)
     total = 0.0 * sx
     for i in range(3):
-        total -= g[i] * (elastic.mass * here.r[i] + here.A[i, 0] * sx + here.A[i, 1] * sy)
+        total -= g[i] * (flexible.mass * here.r[i] + here.A[i, 0] * sx + here.A[i, 1] * sy)
     return total

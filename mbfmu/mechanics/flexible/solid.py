@@ -152,32 +152,32 @@ def add_section_bias(
 
 
 @kernel
-def mode_numbers(elastic: FlexibleRecord, k: int) -> int:
+def mode_numbers(flexible: FlexibleRecord, k: int) -> int:
     """Place of the numbers of a mode."""
-    return elastic.at + RIGID_NUMBERS + MODE_NUMBERS * k
+    return flexible.at + RIGID_NUMBERS + MODE_NUMBERS * k
 
 
 @kernel
-def matrix_row(elastic: FlexibleRecord, matrix: int, k: int) -> int:
+def matrix_row(flexible: FlexibleRecord, matrix: int, k: int) -> int:
     """Place of row k of a matrix."""
-    n = elastic.modes
-    return elastic.at + RIGID_NUMBERS + MODE_NUMBERS * n + (matrix * n + k) * n
+    n = flexible.modes
+    return flexible.at + RIGID_NUMBERS + MODE_NUMBERS * n + (matrix * n + k) * n
 
 
 @kernel
-def modal_mass(elastic: FlexibleRecord, k: int, numbers: Reals) -> float:
+def modal_mass(flexible: FlexibleRecord, k: int, numbers: Reals) -> float:
     """mu_k."""
-    return numbers[mode_numbers(elastic, k) + 12]
+    return numbers[mode_numbers(flexible, k) + 12]
 
 
 @kernel
-def first_moment(elastic: FlexibleRecord, q: Reals, numbers: Reals) -> tuple[float, float, float]:
+def first_moment(flexible: FlexibleRecord, q: Reals, numbers: Reals) -> tuple[float, float, float]:
     """S."""
-    at, zero = elastic.at, 0.0 * q[elastic.qi]
+    at, zero = flexible.at, 0.0 * q[flexible.qi]
     sx, sy, sz = numbers[at + 1] + zero, numbers[at + 2] + zero, numbers[at + 3] + zero
-    for k in range(elastic.modes):
-        p = q[elastic.qi + k]
-        dx, dy, dz = moment_rate(elastic, k, q, 0.5, numbers)
+    for k in range(flexible.modes):
+        p = q[flexible.qi + k]
+        dx, dy, dz = moment_rate(flexible, k, q, 0.5, numbers)
         sx += p * dx
         sy += p * dy
         sz += p * dz
@@ -185,55 +185,55 @@ def first_moment(elastic: FlexibleRecord, q: Reals, numbers: Reals) -> tuple[flo
 
 
 @kernel
-def moment_rate(elastic: FlexibleRecord, k: int, q: Reals, part: float, numbers: Reals) -> tuple[float, float, float]:
+def moment_rate(flexible: FlexibleRecord, k: int, q: Reals, part: float, numbers: Reals) -> tuple[float, float, float]:
     """S1_k less ``part`` times (G p)_k: with 1 it is S_k."""
-    n, qi, own = elastic.modes, elastic.qi, mode_numbers(elastic, k)
+    n, qi, own = flexible.modes, flexible.qi, mode_numbers(flexible, k)
     zero = 0.0 * q[qi]
     dx, dy, dz = numbers[own] + zero, numbers[own + 1] + zero, numbers[own + 2] + zero
-    if elastic.shortens > 0:
-        dx -= part * dot(numbers, matrix_row(elastic, SHORTENING, k), n, q, qi)
-        dy -= part * dot(numbers, matrix_row(elastic, SHORTENING + 1, k), n, q, qi)
-        dz -= part * dot(numbers, matrix_row(elastic, SHORTENING + 2, k), n, q, qi)
+    if flexible.shortens > 0:
+        dx -= part * dot(numbers, matrix_row(flexible, SHORTENING, k), n, q, qi)
+        dy -= part * dot(numbers, matrix_row(flexible, SHORTENING + 1, k), n, q, qi)
+        dz -= part * dot(numbers, matrix_row(flexible, SHORTENING + 2, k), n, q, qi)
     return dx, dy, dz
 
 
 @kernel
-def angular_rate(elastic: FlexibleRecord, k: int, q: Reals, numbers: Reals) -> tuple[float, float, float]:
+def angular_rate(flexible: FlexibleRecord, k: int, q: Reals, numbers: Reals) -> tuple[float, float, float]:
     """h_k."""
-    n, qi, own = elastic.modes, elastic.qi, mode_numbers(elastic, k) + 3
-    hx = numbers[own] + dot(numbers, matrix_row(elastic, 6, k), n, q, qi)
-    hy = numbers[own + 1] + dot(numbers, matrix_row(elastic, 7, k), n, q, qi)
-    hz = numbers[own + 2] + dot(numbers, matrix_row(elastic, 8, k), n, q, qi)
-    if elastic.shortens > 0:
-        hx -= dot(numbers, matrix_row(elastic, SHORTENING + 3, k), n, q, qi)
-        hy -= dot(numbers, matrix_row(elastic, SHORTENING + 4, k), n, q, qi)
-        hz -= dot(numbers, matrix_row(elastic, SHORTENING + 5, k), n, q, qi)
+    n, qi, own = flexible.modes, flexible.qi, mode_numbers(flexible, k) + 3
+    hx = numbers[own] + dot(numbers, matrix_row(flexible, 6, k), n, q, qi)
+    hy = numbers[own + 1] + dot(numbers, matrix_row(flexible, 7, k), n, q, qi)
+    hz = numbers[own + 2] + dot(numbers, matrix_row(flexible, 8, k), n, q, qi)
+    if flexible.shortens > 0:
+        hx -= dot(numbers, matrix_row(flexible, SHORTENING + 3, k), n, q, qi)
+        hy -= dot(numbers, matrix_row(flexible, SHORTENING + 4, k), n, q, qi)
+        hz -= dot(numbers, matrix_row(flexible, SHORTENING + 5, k), n, q, qi)
     return hx, hy, hz
 
 
 @kernel
-def inertia_rate(elastic: FlexibleRecord, k: int, q: Reals, part: float, numbers: Reals) -> Six:
+def inertia_rate(flexible: FlexibleRecord, k: int, q: Reals, part: float, numbers: Reals) -> Six:
     """J1_k and ``part`` times sum J2_kl p_l: with 1 it is J_k."""
-    n, qi, own = elastic.modes, elastic.qi, mode_numbers(elastic, k) + 6
+    n, qi, own = flexible.modes, flexible.qi, mode_numbers(flexible, k) + 6
     return (
-        numbers[own] + part * dot(numbers, matrix_row(elastic, 0, k), n, q, qi),
-        numbers[own + 1] + part * dot(numbers, matrix_row(elastic, 1, k), n, q, qi),
-        numbers[own + 2] + part * dot(numbers, matrix_row(elastic, 2, k), n, q, qi),
-        numbers[own + 3] + part * dot(numbers, matrix_row(elastic, 3, k), n, q, qi),
-        numbers[own + 4] + part * dot(numbers, matrix_row(elastic, 4, k), n, q, qi),
-        numbers[own + 5] + part * dot(numbers, matrix_row(elastic, 5, k), n, q, qi),
+        numbers[own] + part * dot(numbers, matrix_row(flexible, 0, k), n, q, qi),
+        numbers[own + 1] + part * dot(numbers, matrix_row(flexible, 1, k), n, q, qi),
+        numbers[own + 2] + part * dot(numbers, matrix_row(flexible, 2, k), n, q, qi),
+        numbers[own + 3] + part * dot(numbers, matrix_row(flexible, 3, k), n, q, qi),
+        numbers[own + 4] + part * dot(numbers, matrix_row(flexible, 4, k), n, q, qi),
+        numbers[own + 5] + part * dot(numbers, matrix_row(flexible, 5, k), n, q, qi),
     )
 
 
 @kernel
-def inertia_tensor(elastic: FlexibleRecord, q: Reals, numbers: Reals) -> Six:
+def inertia_tensor(flexible: FlexibleRecord, q: Reals, numbers: Reals) -> Six:
     """J (xx, yy, zz, xy, xz, yz)."""
-    at, zero = elastic.at + 4, 0.0 * q[elastic.qi]
+    at, zero = flexible.at + 4, 0.0 * q[flexible.qi]
     xx, yy, zz = numbers[at] + zero, numbers[at + 1] + zero, numbers[at + 2] + zero
     xy, xz, yz = numbers[at + 3] + zero, numbers[at + 4] + zero, numbers[at + 5] + zero
-    for k in range(elastic.modes):
-        p = q[elastic.qi + k]
-        dxx, dyy, dzz, dxy, dxz, dyz = inertia_rate(elastic, k, q, 0.5, numbers)
+    for k in range(flexible.modes):
+        p = q[flexible.qi + k]
+        dxx, dyy, dzz, dxy, dxz, dyz = inertia_rate(flexible, k, q, 0.5, numbers)
         xx += p * dxx
         yy += p * dyy
         zz += p * dzz
@@ -244,12 +244,12 @@ def inertia_tensor(elastic: FlexibleRecord, q: Reals, numbers: Reals) -> Six:
 
 
 @kernel
-def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals, numbers: Reals) -> None:
+def composite(flexible: FlexibleRecord, here: MotionRecord, q: Reals, numbers: Reals) -> None:
     """Mass, first moment and inertia about the origin of the deformed body, global axes."""
     A = here.A
-    sx, sy, sz = first_moment(elastic, q, numbers)
-    xx, yy, zz, xy, xz, yz = inertia_tensor(elastic, q, numbers)
-    here.mass = numbers[elastic.at]
+    sx, sy, sz = first_moment(flexible, q, numbers)
+    xx, yy, zz, xy, xz, yz = inertia_tensor(flexible, q, numbers)
+    here.mass = numbers[flexible.at]
     for i in range(3):
         here.mc[i] = A[i, 0] * sx + A[i, 1] * sy + A[i, 2] * sz
         for j in range(3):
@@ -261,35 +261,35 @@ def composite(elastic: FlexibleRecord, here: MotionRecord, q: Reals, numbers: Re
 
 
 @kernel
-def coupling(elastic: FlexibleRecord, k: int, here: MotionRecord, q: Reals, numbers: Reals, out: Reals) -> None:
+def coupling(flexible: FlexibleRecord, k: int, here: MotionRecord, q: Reals, numbers: Reals, out: Reals) -> None:
     """out = momentum wrench of p'_k = 1 about the origin, global axes: (S_k, h_k)."""
     for i in range(6):
         out[i] = 0.0
-    sx, sy, sz = moment_rate(elastic, k, q, 1.0, numbers)
-    hx, hy, hz = angular_rate(elastic, k, q, numbers)
+    sx, sy, sz = moment_rate(flexible, k, q, 1.0, numbers)
+    hx, hy, hz = angular_rate(flexible, k, q, numbers)
     add_from_body_axes(here.A, sx, sy, sz, out, 0)
     add_from_body_axes(here.A, hx, hy, hz, out, 3)
 
 
 @kernel
-def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals) -> None:
+def inertia(flexible: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals) -> None:
     """Add f and n to the wrench W of the frame and the tau_k to State.tau (module docstring)."""
-    A, q, v, a, n, qi, vi = here.A, state.q, state.v, state.a, elastic.modes, elastic.qi, elastic.vi
+    A, q, v, a, n, qi, vi = here.A, state.q, state.v, state.a, flexible.modes, flexible.qi, flexible.vi
     ax, ay, az = to_body_axis(A, here.dY, 0)
     bx, by, bz = to_body_axis(A, here.dY, 3)
     wx, wy, wz = to_body_axis(A, here.Y, 3)
-    m, zero = numbers[elastic.at], 0.0 * q[qi]
-    sx, sy, sz = first_moment(elastic, q, numbers)
-    xx, yy, zz, xy, xz, yz = inertia_tensor(elastic, q, numbers)
+    m, zero = numbers[flexible.at], 0.0 * q[qi]
+    sx, sy, sz = first_moment(flexible, q, numbers)
+    xx, yy, zz, xy, xz, yz = inertia_tensor(flexible, q, numbers)
     ux, uy, uz = zero, zero, zero  # s, the rate of S
     dxx, dyy, dzz, dxy, dxz, dyz = zero, zero, zero, zero, zero, zero  # rate of J
     ex, ey, ez = zero, zero, zero  # sum h_k p'_k
     fx, fy, fz, nx, ny, nz = zero, zero, zero, zero, zero, zero
     for k in range(n):
         rate, growth = v[vi + k], a[vi + k]
-        kx, ky, kz = moment_rate(elastic, k, q, 1.0, numbers)
-        hx, hy, hz = angular_rate(elastic, k, q, numbers)
-        jxx, jyy, jzz, jxy, jxz, jyz = inertia_rate(elastic, k, q, 1.0, numbers)
+        kx, ky, kz = moment_rate(flexible, k, q, 1.0, numbers)
+        hx, hy, hz = angular_rate(flexible, k, q, numbers)
+        jxx, jyy, jzz, jxy, jxz, jyz = inertia_rate(flexible, k, q, 1.0, numbers)
         ux += kx * rate
         uy += ky * rate
         uz += kz * rate
@@ -308,18 +308,18 @@ def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: 
         nx += hx * growth
         ny += hy * growth
         nz += hz * growth
-        if elastic.shortens > 0:
-            fx -= rate * dot(numbers, matrix_row(elastic, SHORTENING, k), n, v, vi)
-            fy -= rate * dot(numbers, matrix_row(elastic, SHORTENING + 1, k), n, v, vi)
-            fz -= rate * dot(numbers, matrix_row(elastic, SHORTENING + 2, k), n, v, vi)
-            nx -= rate * dot(numbers, matrix_row(elastic, SHORTENING + 3, k), n, v, vi)
-            ny -= rate * dot(numbers, matrix_row(elastic, SHORTENING + 4, k), n, v, vi)
-            nz -= rate * dot(numbers, matrix_row(elastic, SHORTENING + 5, k), n, v, vi)
-        gx = dot(numbers, matrix_row(elastic, 6, k), n, v, vi)
-        gy = dot(numbers, matrix_row(elastic, 7, k), n, v, vi)
-        gz = dot(numbers, matrix_row(elastic, 8, k), n, v, vi)
+        if flexible.shortens > 0:
+            fx -= rate * dot(numbers, matrix_row(flexible, SHORTENING, k), n, v, vi)
+            fy -= rate * dot(numbers, matrix_row(flexible, SHORTENING + 1, k), n, v, vi)
+            fz -= rate * dot(numbers, matrix_row(flexible, SHORTENING + 2, k), n, v, vi)
+            nx -= rate * dot(numbers, matrix_row(flexible, SHORTENING + 3, k), n, v, vi)
+            ny -= rate * dot(numbers, matrix_row(flexible, SHORTENING + 4, k), n, v, vi)
+            nz -= rate * dot(numbers, matrix_row(flexible, SHORTENING + 5, k), n, v, vi)
+        gx = dot(numbers, matrix_row(flexible, 6, k), n, v, vi)
+        gy = dot(numbers, matrix_row(flexible, 7, k), n, v, vi)
+        gz = dot(numbers, matrix_row(flexible, 8, k), n, v, vi)
         state.tau[vi + k] += (
-            modal_mass(elastic, k, numbers) * growth
+            modal_mass(flexible, k, numbers) * growth
             + (kx * ax + ky * ay + kz * az)
             + (hx * bx + hy * by + hz * bz)
             + 2.0 * (wx * gx + wy * gy + wz * gz)
@@ -343,22 +343,22 @@ def inertia(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: 
 
 
 @kernel
-def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, out: Reals) -> None:
+def momentum(flexible: FlexibleRecord, here: MotionRecord, state: State, numbers: Reals, out: Reals) -> None:
     """out += momentum and angular momentum about the frame's origin, global axes."""
-    A, q, v, vi = here.A, state.q, state.v, elastic.vi
+    A, q, v, vi = here.A, state.q, state.v, flexible.vi
     vx, vy, vz = to_body_axis(A, here.Y, 0)
     wx, wy, wz = to_body_axis(A, here.Y, 3)
-    m = numbers[elastic.at]
-    sx, sy, sz = first_moment(elastic, q, numbers)
-    xx, yy, zz, xy, xz, yz = inertia_tensor(elastic, q, numbers)
+    m = numbers[flexible.at]
+    sx, sy, sz = first_moment(flexible, q, numbers)
+    xx, yy, zz, xy, xz, yz = inertia_tensor(flexible, q, numbers)
     px, py, pz = m * vx + wy * sz - wz * sy, m * vy + wz * sx - wx * sz, m * vz + wx * sy - wy * sx
     lx = sy * vz - sz * vy + xx * wx + xy * wy + xz * wz
     ly = sz * vx - sx * vz + xy * wx + yy * wy + yz * wz
     lz = sx * vy - sy * vx + xz * wx + yz * wy + zz * wz
-    for k in range(elastic.modes):
+    for k in range(flexible.modes):
         rate = v[vi + k]
-        kx, ky, kz = moment_rate(elastic, k, q, 1.0, numbers)
-        hx, hy, hz = angular_rate(elastic, k, q, numbers)
+        kx, ky, kz = moment_rate(flexible, k, q, 1.0, numbers)
+        hx, hy, hz = angular_rate(flexible, k, q, numbers)
         px += kx * rate
         py += ky * rate
         pz += kz * rate
@@ -370,51 +370,51 @@ def momentum(elastic: FlexibleRecord, here: MotionRecord, state: State, numbers:
 
 
 @kernel
-def modal_momentum(elastic: FlexibleRecord, k: int, here: MotionRecord, state: State, numbers: Reals) -> float:
+def modal_momentum(flexible: FlexibleRecord, k: int, here: MotionRecord, state: State, numbers: Reals) -> float:
     """dT/dp'_k."""
     vx, vy, vz = to_body_axis(here.A, here.Y, 0)
     wx, wy, wz = to_body_axis(here.A, here.Y, 3)
-    kx, ky, kz = moment_rate(elastic, k, state.q, 1.0, numbers)
-    hx, hy, hz = angular_rate(elastic, k, state.q, numbers)
-    own = modal_mass(elastic, k, numbers) * state.v[elastic.vi + k]
+    kx, ky, kz = moment_rate(flexible, k, state.q, 1.0, numbers)
+    hx, hy, hz = angular_rate(flexible, k, state.q, numbers)
+    own = modal_mass(flexible, k, numbers) * state.v[flexible.vi + k]
     return kx * vx + ky * vy + kz * vz + hx * wx + hy * wy + hz * wz + own
 
 
 @kernel
-def apply_elastic_forces(elastic: FlexibleRecord, state: State, numbers: Reals) -> None:
+def apply_elastic_forces(flexible: FlexibleRecord, state: State, numbers: Reals) -> None:
     """Modal stiffness and damping among the forces along the coordinates."""
-    for k in range(elastic.modes):
-        own = mode_numbers(elastic, k)
-        p, rate = state.q[elastic.qi + k], state.v[elastic.vi + k]
-        state.Q[elastic.vi + k] -= numbers[own + 13] * p + numbers[own + 14] * rate
+    for k in range(flexible.modes):
+        own = mode_numbers(flexible, k)
+        p, rate = state.q[flexible.qi + k], state.v[flexible.vi + k]
+        state.Q[flexible.vi + k] -= numbers[own + 13] * p + numbers[own + 14] * rate
 
 
 @kernel
-def potential(elastic: FlexibleRecord, state: State, numbers: Reals) -> float:
+def potential(flexible: FlexibleRecord, state: State, numbers: Reals) -> float:
     """Strain energy, J."""
-    total = 0.0 * state.q[elastic.qi]
-    for k in range(elastic.modes):
-        total += 0.5 * numbers[mode_numbers(elastic, k) + 13] * state.q[elastic.qi + k] ** 2
+    total = 0.0 * state.q[flexible.qi]
+    for k in range(flexible.modes):
+        total += 0.5 * numbers[mode_numbers(flexible, k) + 13] * state.q[flexible.qi + k] ** 2
     return total
 
 
 @kernel
-def power(elastic: FlexibleRecord, state: State, numbers: Reals) -> float:
+def power(flexible: FlexibleRecord, state: State, numbers: Reals) -> float:
     """-sum delta_k p'_k^2, W."""
-    total = 0.0 * state.v[elastic.vi]
-    for k in range(elastic.modes):
-        total -= numbers[mode_numbers(elastic, k) + 14] * state.v[elastic.vi + k] ** 2
+    total = 0.0 * state.v[flexible.vi]
+    for k in range(flexible.modes):
+        total -= numbers[mode_numbers(flexible, k) + 14] * state.v[flexible.vi + k] ** 2
     return total
 
 
 @kernel
 def gravity_potential(
-    elastic: FlexibleRecord, here: MotionRecord, state: State, gravity: Reals, numbers: Reals
+    flexible: FlexibleRecord, here: MotionRecord, state: State, gravity: Reals, numbers: Reals
 ) -> float:
     """Energy in the gravity field, zero at the global origin, J."""
-    sx, sy, sz = first_moment(elastic, state.q, numbers)
+    sx, sy, sz = first_moment(flexible, state.q, numbers)
     total = 0.0 * sx
     for i in range(3):
         arm = here.A[i, 0] * sx + here.A[i, 1] * sy + here.A[i, 2] * sz
-        total -= gravity[i] * (numbers[elastic.at] * here.r[i] + arm)
+        total -= gravity[i] * (numbers[flexible.at] * here.r[i] + arm)
     return total

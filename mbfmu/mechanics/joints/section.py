@@ -1,4 +1,4 @@
-"""Section: a cross-section or an interface of an elastic body; :meth:`Mechanism.flexible_body` makes these.
+"""Section: a cross-section or an interface of a flexible body; :meth:`Mechanism.flexible_body` makes these.
 
 Its coordinates are the amplitudes of the body's modes, shared by all sections of the body. The first one, the frame
 itself, owns them. How it moves is in :mod:`mbfmu.mechanics.flexible.modal`; the recursions ask for the role of the body
@@ -22,7 +22,7 @@ class Section(Joint):
     Parameters
     ----------
     elastic
-        The elastic body.
+        The flexible body.
     key
         Place on the axis of a beam, m, or name of an interface.
     frame

@@ -5,7 +5,7 @@ Inward, per body:   U = IA S,  D = S^T U,  u = Q - S^T (pA + IA beta)
 Outward:            D v' = u - U^T B1 Y'_j,     Y'_i = B1 Y'_j + beta + S v'
 
 A driven coordinate has its acceleration already: its joint passes IA on whole, with IA S v' in the bias. The nodes of
-an elastic body share their coordinates: each passes IA on whole and adds its U and D to those of the first, the frame,
+a flexible body share their coordinates: each passes IA on whole and adds its U and D to those of the first, the frame,
 which eliminates them (flexible.modal).
 """
 
@@ -156,14 +156,14 @@ def initialize_articulated_inertia(arrays: Arrays, state: State) -> None:
         for k in range(state.D.shape[1]):
             state.D[row, k] = 0.0
     for i in range(arrays.flexibles.shape[0]):
-        initialize_elastic_inertia(arrays.flexibles[i], state, arrays.numbers)
+        initialize_flexible_inertia(arrays.flexibles[i], state, arrays.numbers)
 
 
 @kernel
-def initialize_elastic_inertia(elastic: FlexibleRecord, state: State, numbers: Reals) -> None:
-    """Inertia of an elastic body about its frame's origin, and its wrench and modal forces at zero acceleration."""
-    here, vi = state.bodies[elastic.body], elastic.vi
-    modal.composite(elastic, here, state.q, numbers)
+def initialize_flexible_inertia(flexible: FlexibleRecord, state: State, numbers: Reals) -> None:
+    """Inertia of a flexible body about its frame's origin, and its wrench and modal forces at zero acceleration."""
+    here, vi = state.bodies[flexible.body], flexible.vi
+    modal.composite(flexible, here, state.q, numbers)
     m, mc, IA = here.mass, here.mc, here.IA
     for k in range(3):
         IA[k, k] += m
@@ -174,17 +174,17 @@ def initialize_elastic_inertia(elastic: FlexibleRecord, state: State, numbers: R
     for k in range(3):
         for j in range(3):
             IA[3 + j, k] = IA[k, 3 + j]
-    for k in range(elastic.modes):
+    for k in range(flexible.modes):
         state.a[vi + k] = 0.0
         state.tau[vi + k] = 0.0
     for k in range(6):
         here.W[k] = 0.0
-    modal.inertia(elastic, here, state, numbers)
+    modal.inertia(flexible, here, state, numbers)
     for k in range(6):
         here.pA[k] += here.W[k]
-    for k in range(elastic.modes):
-        modal.coupling(elastic, k, here, state.q, numbers, state.U[vi + k])
-        state.D[vi + k, k] = modal.modal_mass(elastic, k, numbers)
+    for k in range(flexible.modes):
+        modal.coupling(flexible, k, here, state.q, numbers, state.U[vi + k])
+        state.D[vi + k, k] = modal.modal_mass(flexible, k, numbers)
         state.D[vi + k, RHS_COLUMN] = -state.tau[vi + k]
 
 

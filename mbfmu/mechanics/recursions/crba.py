@@ -96,20 +96,20 @@ def propagate_force(i: int, row: int, f: Reals, add: bool, arrays: Arrays, state
 def mass_matrix(arrays: Arrays, state: State, M: Reals) -> None:
     """M (n, n) over the free coordinates, after :func:`composite_inertia`; zero between branches, and left so.
 
-    The amplitudes of an elastic body get its inertia first, then that of the bodies on each of its sections.
+    The amplitudes of a flexible body get its inertia first, then that of the bodies on each of its sections.
     """
     f = state.wrench
     for k in range(M.shape[0] - arrays.world[0].states, M.shape[0]):
         M[k, k] = 1.0  # of a first-order state
     for e in range(arrays.flexibles.shape[0]):
-        elastic = arrays.flexibles[e]
-        first = arrays.bodies[elastic.body].vf
-        for k in range(elastic.modes):
+        flexible = arrays.flexibles[e]
+        first = arrays.bodies[flexible.body].vf
+        for k in range(flexible.modes):
             for j in range(k):
                 set_symmetric(first + k, first + j, 0.0, False, M)
-            set_symmetric(first + k, first + k, modal.modal_mass(elastic, k, arrays.numbers), False, M)
-            modal.coupling(elastic, k, state.bodies[elastic.body], state.q, arrays.numbers, f)
-            propagate_force(elastic.body, first + k, f, False, arrays, state, M)
+            set_symmetric(first + k, first + k, modal.modal_mass(flexible, k, arrays.numbers), False, M)
+            modal.coupling(flexible, k, state.bodies[flexible.body], state.q, arrays.numbers, f)
+            propagate_force(flexible.body, first + k, f, False, arrays, state, M)
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         if body.vf < 0 or body.role == MODAL:

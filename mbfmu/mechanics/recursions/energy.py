@@ -40,8 +40,8 @@ def kinetic_energy(arrays: Arrays, state: State) -> float:
         if body.armature != 0.0:
             total += 0.5 * body.armature * state.v[body.vi] * state.v[body.vi]
     for i in range(arrays.flexibles.shape[0]):
-        elastic = arrays.flexibles[i]
-        total += modal.kinetic(elastic, state.bodies[elastic.body], state, arrays.numbers, state.wrench)
+        flexible = arrays.flexibles[i]
+        total += modal.kinetic(flexible, state.bodies[flexible.body], state, arrays.numbers, state.wrench)
     return total
 
 
@@ -55,8 +55,8 @@ def potential_energy(arrays: Arrays, state: State) -> float:
         for k in range(3):
             total -= arrays.bodies[i].mass * g[k] * (here.r[k] + here.com[k])
     for i in range(arrays.flexibles.shape[0]):
-        elastic = arrays.flexibles[i]
-        total += modal.gravity_potential(elastic, state.bodies[elastic.body], state, g, arrays.numbers)
+        flexible = arrays.flexibles[i]
+        total += modal.gravity_potential(flexible, state.bodies[flexible.body], state, g, arrays.numbers)
     return total
 
 
@@ -80,11 +80,11 @@ def generalized_momenta(arrays: Arrays, state: State) -> float:
     for i in range(1, arrays.bodies.shape[0]):
         body_momentum(arrays.bodies[i].mass, state.bodies[i], state.bodies[i].W)
     for i in range(arrays.flexibles.shape[0]):
-        elastic = arrays.flexibles[i]
-        here = state.bodies[elastic.body]
-        for k in range(elastic.modes):
-            state.tau[elastic.vi + k] = modal.modal_momentum(elastic, k, here, state, arrays.numbers)
-        modal.momentum(elastic, here, state, arrays.numbers, here.W)
+        flexible = arrays.flexibles[i]
+        here = state.bodies[flexible.body]
+        for k in range(flexible.modes):
+            state.tau[flexible.vi + k] = modal.modal_momentum(flexible, k, here, state, arrays.numbers)
+        modal.momentum(flexible, here, state, arrays.numbers, here.W)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body, here = arrays.bodies[i], state.bodies[i]
         for k in range(body.nv):
@@ -122,7 +122,7 @@ def evaluate_energy_bound(rtol: float, q_tol: Reals, v_tol: Reals, arrays: Array
     for i in range(1, arrays.bodies.shape[0]):
         body = arrays.bodies[i]
         plain = body.nq - 4 * body.quaternion
-        for k in range(body.nv * (body.role != SECTION)):  # the sections of an elastic body share its coordinates
+        for k in range(body.nv * (body.role != SECTION)):  # the sections of a flexible body share its coordinates
             magnitude = abs(state.q[body.qi + k]) if k < plain else 2.0  # a quaternion turns by half the angle
             square += (
                 state.tau[body.vi + k] * (rtol * magnitude + (max_q_tol if body.vf < 0 else q_tol[body.vf + k]))
@@ -206,16 +206,16 @@ def inertia_parts(arrays: Arrays, state: State, out: Reals) -> None:
                 out[0] += body.armature * state.v[body.vi] * state.v[body.vi]
         out[0] += twice_energy(body.mass, here, here.dY)
     for e in range(arrays.flexibles.shape[0]):
-        elastic = arrays.flexibles[e]
-        first, here = arrays.bodies[elastic.body].vf, state.bodies[elastic.body]
+        flexible = arrays.flexibles[e]
+        first, here = arrays.bodies[flexible.body].vf, state.bodies[flexible.body]
         for k in range(6):
             here.W[k] = here.Y[k]
             here.Y[k] = here.dY[k]
-        out[0] += 2.0 * modal.kinetic(elastic, here, state, arrays.numbers, f)
+        out[0] += 2.0 * modal.kinetic(flexible, here, state, arrays.numbers, f)
         for k in range(6):
             here.Y[k] = here.W[k]
-        for k in range(elastic.modes):
-            out[1 + first + k] += modal.modal_mass(elastic, k, arrays.numbers)
+        for k in range(flexible.modes):
+            out[1 + first + k] += modal.modal_mass(flexible, k, arrays.numbers)
     for k in range(out.shape[0] - arrays.world[0].states, out.shape[0]):
         out[k] = 0.0
 

@@ -50,10 +50,10 @@ def inverse_dynamics(arrays: Arrays, state: State) -> None:
         for k in range(6):
             here.W[k] -= here.F[k]
     for i in range(arrays.flexibles.shape[0]):
-        elastic = arrays.flexibles[i]
-        for k in range(elastic.vi, elastic.vi + elastic.modes):
+        flexible = arrays.flexibles[i]
+        for k in range(flexible.vi, flexible.vi + flexible.modes):
             state.tau[k] = -state.Q[k]
-        modal.inertia(elastic, state.bodies[elastic.body], state, arrays.numbers)
+        modal.inertia(flexible, state.bodies[flexible.body], state, arrays.numbers)
     for i in range(arrays.bodies.shape[0] - 1, 0, -1):
         body = arrays.bodies[i]
         here = state.bodies[i]

@@ -15,7 +15,7 @@ from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Record, f8, i8
 from solvers.outcome import OK
-from solvers.stepper import spacing
+from solvers.resolution import spacing
 from solvers.system import Array
 
 if TYPE_CHECKING:

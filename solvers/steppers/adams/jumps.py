@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import kernel
-from solvers.stepper import is_discontinuity
+from solvers.resolution import is_discontinuity
 
 from .formulas import restart_history
 

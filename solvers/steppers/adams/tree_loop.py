@@ -20,7 +20,7 @@ from solvers.energy_account import energy_check_scheduled, update_energy_bound
 from solvers.inertia import clear_growth, tolerance_factor, update_tree_growth
 from solvers.outcome import NO_MASS, NOT_FINITE, OK
 from solvers.positions import position_sizes
-from solvers.stepper import start_rate
+from solvers.resolution import start_rate
 from solvers.steppers.step_loop import StepSettingsRecord
 from solvers.steppers.tree import RATE_TOLERANCE_RATIO
 

@@ -15,7 +15,7 @@ from solvers.inertia import clear_growth
 from solvers.outcome import OK
 from solvers.projection.eliminated import CLOSED_RESIDUAL, project
 from solvers.projection.eliminated_crossing import record_accepted
-from solvers.stepper import start_rate
+from solvers.resolution import start_rate
 from solvers.steppers.eliminated_newton import close_state, factor_with_springs, measure_inertia
 from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.steppers.step_loop import make_loop

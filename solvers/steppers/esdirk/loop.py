@@ -13,7 +13,7 @@ from solvers.inertia import clear_growth
 from solvers.outcome import OK
 from solvers.positions import position_sizes
 from solvers.projection.tree_constraints import find_rate, project_state, solve_accelerations
-from solvers.stepper import start_rate
+from solvers.resolution import start_rate
 from solvers.steppers.step_control import FIRST_STEP_RATIO
 from solvers.steppers.step_loop import make_loop, set_step_options
 

@@ -40,7 +40,8 @@ from solvers.inertia import describe_large_growth
 from solvers.options import Options, Statistics
 from solvers.outcome import CODES, Code
 from solvers.projection.saddle import Accelerations, count_freedom
-from solvers.stepper import Stepper, require_resolution, validated_vector
+from solvers.resolution import require_resolution
+from solvers.stepper import Stepper, validated_vector
 from solvers.steppers.compiled_loop import COUNTED, MethodKernels
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration, one_step_at_most

@@ -52,7 +52,7 @@ from solvers.inertia import describe_large_growth
 from solvers.options import Options
 from solvers.outcome import CODES, Code
 from solvers.projection.saddle import Accelerations, count_freedom
-from solvers.stepper import require_resolution
+from solvers.resolution import require_resolution
 from solvers.steppers.step_loop import Integration
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem
 
