@@ -9,10 +9,9 @@ from html import escape
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from mbfmu.mechanics import Variable
 from mbfmu.modeling.settings import Settings
+from mbfmu.util.array_files import read_arrays, write_arrays
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, from_saved, render
 from mbfmu.util.errors import UserError, suggest
 from mbfmu.util.extras import import_optional
@@ -224,8 +223,8 @@ class Result(Diagnosed):
         header |= {"variables": [asdict(v) for v in self.variables], "statistics": asdict(self.statistics)}
         header["diagnostics"] = [asdict(diagnostic) for diagnostic in self.diagnostics]
         header["settings"] = asdict(self.settings) if self.settings else None
-        with replacing(path) as unfinished, unfinished.open("wb") as file:
-            np.savez_compressed(file, t=self.t, values=self.values, told=json.dumps({"format": RESULT_FORMAT} | header))
+        told = json.dumps({"format": RESULT_FORMAT} | header)
+        write_arrays(path, {"t": self.t, "values": self.values, "told": told})
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -247,9 +246,9 @@ class Result(Diagnosed):
             The file is not a saved result.
         """
         try:
-            with np.load(path) as file:
-                header = json.loads(str(file["told"]))
-                t, values = file["t"], file["values"]
+            file = read_arrays(path)
+            header = json.loads(str(file["told"]))
+            t, values = file["t"], file["values"]
             if (version := header.pop("format")) not in (1, RESULT_FORMAT):
                 raise ValueError("another format")
             header["diagnostics"] = _read_texts(header) if version == 1 else from_saved(header["diagnostics"])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import zipfile
-import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,8 @@ from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.numbers import positive
 from mbfmu.session.simulation import Simulation
+from mbfmu.util.array_files import read_arrays, write_arrays
 from mbfmu.util.errors import UserError
-from mbfmu.util.files import replacing
 
 from .drawing import bodies_with_hulls, check_fields, draw
 from .forces import Arrow, Source, read, shown, sources
@@ -118,21 +116,20 @@ class Motion:
             "arrows": [asdict(arrow) for arrow in self.arrows],
             "picture": self.picture.as_dict(),
         }
-        with replacing(path) as unfinished, unfinished.open("wb") as file:
-            np.savez_compressed(file, about=json.dumps(about), **{name: getattr(self, name) for name in MOTION_ARRAYS})
+        write_arrays(path, {"about": json.dumps(about), **{name: getattr(self, name) for name in MOTION_ARRAYS}})
 
     @classmethod
     def load(cls, path: Path) -> Motion:
         """Read a pose file; raises UserError where there is none."""
         try:
-            with np.load(path) as file:
-                about = json.loads(str(file["about"]))
-                motion = cls._of_file(about, file) if about["format"] == MOTION_FORMAT else None
+            file = read_arrays(path)
+            about = json.loads(str(file["about"]))
+            motion = cls._of_file(about, file) if about["format"] == MOTION_FORMAT else None
         except OSError as error:
             raise UserError(
                 f"pose file {str(path)!r} cannot be read: {error.strerror or error}; check path and permissions"
             ) from error
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        except (ValueError, KeyError, TypeError) as error:
             raise UserError(
                 f"{str(path)!r} is not a pose file; give a file that `mbfmu run` has written, named *.npz"
             ) from error

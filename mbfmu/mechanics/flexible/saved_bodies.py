@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.util.array_files import read_arrays, write_arrays
 from mbfmu.util.errors import UserError
-from mbfmu.util.files import replacing
 
 from .invariants import Invariants
 
 Array = NDArray[np.float64]
 
-READ_ERRORS = (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error)
 FORMAT, VERSION = "mbfmu flexible body", 1
 OPTIONAL_ARRAYS = {"triangles": np.int64, "stress_shapes": np.float64}  # of bodies of meshes
 
 
 def write_body(path: Path, texts: dict[str, str], names: list[str], arrays: dict[str, Any]) -> None:
     """Write texts, names of interfaces and arrays of a body; the previous file stays if this fails."""
-    content: dict[str, Any] = {"format": FORMAT, "version": VERSION, "names": names, **texts, **arrays}
-    with replacing(path) as unfinished, unfinished.open("wb") as file:
-        np.savez_compressed(file, **content)
+    write_arrays(path, {"format": FORMAT, "version": VERSION, "names": names, **texts, **arrays})
 
 
 def read_body(path: Path) -> dict[str, Any]:
@@ -39,9 +34,8 @@ def read_body(path: Path) -> dict[str, Any]:
         are not finite.
     """
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            found = {key: file[key] for key in file.files}
-    except READ_ERRORS as error:
+        found = read_arrays(path)
+    except (OSError, ValueError) as error:
         raise UserError(
             f"file {str(path)!r} cannot be read ({error}); allowed: an undamaged file of FlexibleBody.save"
         ) from error
