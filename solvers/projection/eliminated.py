@@ -5,10 +5,11 @@ The system solves its constraint equations itself (:class:`solvers.system.Elimin
 zero at a singular configuration, and near it about the distance in units of the coordinates. It is local, so that it
 does not become smaller with the number of loops, as the ratio of pivots does.
 
-Accelerations of a state off the constraints by e are wrong by e divided by the square of the shortest equation. So
-states near singular configurations are projected before they are evaluated. Nearer still, at a crossing of branches,
-they are the limit from four neighbors on the branch, see :mod:`.projection`; which configurations are crossings is
-found by :mod:`.eliminated_crossing`.
+Accelerations of a state off the constraints by e are wrong by e divided by the square of the shortest equation, and a
+residual r leaves e = r divided by the shortest equation. So states near singular configurations are projected before
+they are evaluated, to residuals that decrease with the cube of the shortest equation as far as rounding allows. Nearer
+still, at a crossing of branches, accelerations are the limit from four neighbors on the branch, see
+:mod:`.projection`; which configurations are crossings is found by :mod:`.eliminated_crossing`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ SINGULAR_LENGTH = 2e-4  # shortest equation below which accelerations at a cross
 PROJECTED_LENGTH = 5e-2  # ... below which states are projected before they are evaluated
 LEFT_OUT_LENGTH = 10.0 * SINGULAR_LENGTH  # at a crossing: equations that are shorter lose their rank there
 REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others
-CLOSED_RESIDUAL = 1e-13  # of a closed position, in units of the constraint equations: rounding
+CLOSED_RESIDUAL = 1e-13  # of a closed position, in units of the constraint equations: above rounding
+ROUNDING_RESIDUAL = 1e-15  # ... that cannot be reduced
 CORRECTION_ROUNDING = 1e-14  # a correction this small, in units of the coordinates, is rounding
 NEIGHBOR_DISTANCE = 5e-2  # of the neighbors at which the rank is found, in units of the coordinates
 MIN_SPEED_RATIO = 1e-3  # to the rate of the motion, of velocities that show the branch; smaller ones may be errors
@@ -125,13 +127,26 @@ def shortest_of(report: Reals, rank: int) -> float:
     return report[SHORTEST] if report[RANK] >= rank else 0.0
 
 
+@inlined
+def closed_residual(closed: float, near: NearSingularRecord) -> float:
+    """Largest residual of a closed position where the shortest equation is as it was evaluated last: such that errors
+    of accelerations are no larger than far from singular configurations, where it is ``closed``, as far as rounding
+    allows.
+    """
+    if near.rank == 0 or near.shortest >= PROJECTED_LENGTH:
+        return closed
+    return min(closed, max(ROUNDING_RESIDUAL, closed * (near.shortest / PROJECTED_LENGTH) ** 3))
+
+
 @kernel
 def close_position(eqs: EliminationEquations, t: float, q: Reals, closed: float, work: EliminationScratch) -> int:
     """Project q onto the constraints, in place, until the residual is at most ``closed``; return a code.
 
-    At a crossing equations that lose their rank there are left out.
+    Near singular configurations it is reduced further, see :func:`closed_residual`. At a crossing equations that lose
+    their rank there are left out.
     """
     report, previous = work.report, np.inf
+    closed = closed_residual(closed, work.near[0])
     for _ in range(MAX_PROJECTION_CORRECTIONS):
         eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, closed, work.change, report)
         residual = report[RESIDUAL]

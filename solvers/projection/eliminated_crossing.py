@@ -210,7 +210,7 @@ def evaluate_closed(
     near, speed = work.near[0], loop_speed(v, eqs.in_loops, work.size)
     if near.kind == IMPERFECT and near.gap < MIN_RESOLVED_GAP:
         return BRANCHES
-    if near.kind == BIFURCATION and speed > MIN_TANGENT_SPEED:
+    if near.kind == BIFURCATION and speed > MIN_TANGENT_SPEED * work.coordinate_rates[0]:
         code = take_limit(eqs, t, q, v, loaded, speed, work, a, lam)
     elif not shortest > UNRESOLVED_LENGTH:
         code = UNDECIDABLE

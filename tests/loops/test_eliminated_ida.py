@@ -16,6 +16,7 @@ from mbfmu.mechanics.signals import Harmonic
 from solvers import Options, stepper
 from solvers.energy_account import WORK
 from solvers.outcome import Code
+from solvers.steppers.eliminated import EliminatedFormulation
 from solvers.steppers.ida.eliminated import EliminatedIDAStepper
 
 
@@ -95,6 +96,24 @@ def test_a_long_row_of_loops() -> None:
     assert run.advance(1.5).ok  # through the first crossing of all loops
     np.testing.assert_allclose(run.q, case.exact(np.array([0.0, 1.5]))[0][1], atol=1e-4)
     assert run.freedom == 1
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("off", [1e-2, 3e-3, 1e-3, 4e-4])
+def test_states_next_to_a_crossing_of_many_loops_are_closed_to_rounding(off: float, length: float) -> None:
+    """A residual that counts as rounding elsewhere makes accelerations wrong by the residual / off^3."""
+    loops, speed = 40, 1.0
+    compiled = CompiledMechanism(n_four_bar(loops, scale=Scale(lengths=length)).mechanism)
+    signs = np.array([1.0, *(-1.0, 1.0) * loops])
+    form = EliminatedFormulation(compiled.system, 0.0, off * signs, speed * signs, Options(rtol=1e-8))
+    gravity = 9.81 * length  # m/s^2; at an inertia of (41 / 3 + 40) m l^2 and a weight moment of (41 / 2 + 40) m g l
+    exact = -(0.5 * (loops + 1) + loops) * gravity * np.cos(off) / (((loops + 1) / 3.0 + loops) * length)
+    for residual in (1e-13, 1e-12, 3e-12):  # of one loop, in its lengths; the unit of the equations is 40 lengths
+        q, v = off * signs, speed * signs
+        q[-2] += residual / off  # the last coupler and column turn
+        assert form.project(0.0, q, v) is Code.OK
+        assert form.evaluate(0.0, q, v) is Code.OK
+        np.testing.assert_allclose(signs * form.a, exact, rtol=1e-14 / off**3 + 1e-10)
 
 
 SMALL = (
