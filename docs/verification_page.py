@@ -1,7 +1,7 @@
 """Write ``docs/verification.md`` from a report of the verification suite.
 
-Commands: ``mbfmu verify --report results/verification``, then
-``python docs/verification_page.py results/verification/report.json``.
+Commands: ``mbfmu verify --report results/verification``, ``mbfmu verify --claims docs/claims.toml --json
+results/claims.json``, then ``python docs/verification_page.py results/verification/report.json results/claims.json``.
 """
 
 from __future__ import annotations
@@ -80,9 +80,13 @@ accelerations of the other engine by SciPy (DOP853). All 240 motions were right.
 
 ## Numbers of the documentation
 
-`docs/claims.toml` lists numbers of README.md and of the first page that state accuracy or speed, with the function or
-the command that measures each. `mbfmu verify --claims docs/claims.toml` measures them again. Its exit code is 1 if a
-statement on accuracy does not hold, or a page no longer contains a statement of the list.
+`docs/claims.toml` lists statements of the documentation on accuracy and speed, each with a function that measures its
+number, or with the command that measures a table. `mbfmu verify --claims docs/claims.toml` measures the numbers again
+with the functions, in two minutes. Its exit code is 1 if a statement on accuracy does not hold, or a page no longer
+contains a statement of the list; ratios of computing times that differ are reported. The other statements need the
+command that is listed, which takes minutes to hours.
+
+{claims}
 """
 
 
@@ -121,8 +125,30 @@ def describe(problem: dict[str, Any]) -> str:
     return f"| {problem['name']} | {problem['description']} | {problem['reference']} | {named} |"
 
 
-def page(report: dict[str, Any]) -> str:
-    """Return the page for the content of ``report.json``."""
+def claims_table(claims: dict[str, Any]) -> str:
+    """Return the result of measuring the claims: numbers by page, and the claims that do not hold."""
+    found = claims["claims"]
+    lines = [
+        f"{claims['environment']}. {claims['summary']}.\n",
+        "| page | statements | measured | not as stated | by a command |",
+        "|---|---|---|---|---|",
+    ]
+    for name in dict.fromkeys(claim["page"] for claim in found):
+        own = [claim for claim in found if claim["page"] == name]
+        measured = [claim for claim in own if claim["number"] is not None]
+        changed = sum(claim["verdict"] != "holds" for claim in measured)
+        lines.append(f"| `{name}` | {len(own)} | {len(measured)} | {changed} | {len(own) - len(measured)} |")
+    lines += [
+        f"\n`{claim['page']}`: {claim['text'].replace('|', ' ').strip()}: measured {number(claim['number'], 3)}, "
+        f"stated {number(claim['range'][0], 3)} to {number(claim['range'][1], 3)} (`{claim['method']}`)."
+        for claim in found
+        if claim["number"] is not None and claim["verdict"] != "holds"
+    ]
+    return "\n".join(lines)
+
+
+def page(report: dict[str, Any], claims: dict[str, Any]) -> str:
+    """Return the page for the contents of ``report.json`` and of the file with the measured claims."""
     lines = report["results"]
     messages = [
         f"- {line['problem']}, `{line['method']}` at {number(line['tolerance'], 1)}: {line['verdict']}. "
@@ -131,7 +157,7 @@ def page(report: dict[str, Any]) -> str:
         if line["reason"]
     ]
     parts = [
-        INTRODUCTION.format(rule=report["rule"]),
+        INTRODUCTION.format(rule=report["rule"], claims=claims_table(claims)),
         f"## Results\n\n{report['environment']}. {report['summary']}.",
         report["comparison"] + "\n",
         f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}",
@@ -147,7 +173,8 @@ def page(report: dict[str, Any]) -> str:
 
 def main() -> None:
     """Write the page."""
-    PAGE.write_text(page(json.loads(Path(sys.argv[1]).read_text())))
+    report, claims = (json.loads(Path(name).read_text()) for name in sys.argv[1:])
+    PAGE.write_text(page(report, claims))
 
 
 if __name__ == "__main__":

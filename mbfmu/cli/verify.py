@@ -64,8 +64,9 @@ Verdicts: right; stopped (right until an error message); warned (wrong, with a w
         help="tolerance; may be repeated (default: 1e-6 and 1e-8; with --quick 1e-6)",
     )
     p.add_argument("--report", type=Path, metavar="DIR", help="write report.html and report.json to this folder")
-    p.add_argument("--list", action="store_true", help="list the problems and run nothing")
-    p.add_argument(
+    mode = p.add_mutually_exclusive_group()
+    mode.add_argument("--list", action="store_true", help="list the problems and run nothing")
+    mode.add_argument(
         "--engines",
         type=reader(int),
         nargs="?",
@@ -74,7 +75,7 @@ Verdicts: right; stopped (right until an error message); warned (wrong, with a w
         help="compare mass matrices and accelerations of N random mechanisms (default 200), and motions of every "
         "tenth of them, with MuJoCo and Pinocchio as far as they are installed, and run no problem",
     )
-    p.add_argument(
+    mode.add_argument(
         "--claims",
         type=Path,
         metavar="FILE",
@@ -87,10 +88,10 @@ Verdicts: right; stopped (right until an error message); warned (wrong, with a w
 
 def command_verify(options: argparse.Namespace) -> int:
     """Run the suite, print the table and write the report."""
-    if options.claims:
-        return command_claims(options)
-    if options.engines is not None:
-        return command_engines(options)
+    for mode in ("claims", "engines"):
+        if getattr(options, mode) is not None:
+            refuse_without_effect(options, mode)
+            return command_claims(options) if mode == "claims" else command_engines(options)
     from mbfmu.verification.report import as_dict, as_page, as_text
     from mbfmu.verification.suite import QUICK_TOLERANCES, TOLERANCES, has_wrong, select, verify
 
@@ -105,6 +106,8 @@ def command_verify(options: argparse.Namespace) -> int:
         check_setting("tolerance", tolerance)
     if options.report:
         folder(options.report)
+        writable(options.report / "report.html")
+        writable(options.report / "report.json")
     if options.json:
         writable(options.json)
     lines, reached = [], 0.0
@@ -133,22 +136,34 @@ def command_verify(options: argparse.Namespace) -> int:
     return int(has_wrong(lines))
 
 
+def refuse_without_effect(options: argparse.Namespace, mode: str) -> None:
+    """Raise UserError if an option is given that selects problems, which are not run in this mode."""
+    for name in ("quick", "only", "solver", "tolerance", "report"):
+        if getattr(options, name):
+            raise UserError(f"--{name} has no effect with --{mode}, which runs no problem; leave one of them out")
+
+
 def command_claims(options: argparse.Namespace) -> int:
     """Measure the claims of a file; their pages are in the folder above it."""
-    from mbfmu.verification.claims import as_text, has_failed, measure_claims, read_claims
+    from mbfmu.verification.claims import as_dict, as_text, has_failed, measure_claims, read_claims
 
     claims, measured = read_claims(options.claims), []
+    if options.json:
+        writable(options.json)
     with bar(len(claims), "claims", options.quiet) as shown:
         for found in measure_claims(claims, options.claims.resolve().parent.parent):
             measured.append(found)
             shown.update()
-    print_unless_quiet(options, as_text(measured))
+    if str(options.json) != "-":
+        print_unless_quiet(options, as_text(measured))
+    if options.json:
+        write_json(as_dict(measured), options.json)
     return int(has_failed(measured))
 
 
 def command_engines(options: argparse.Namespace) -> int:
     """Compare random mechanisms, and motions of every tenth of them, with other engines."""
-    from mbfmu.verification.engines.compare import ENGINES, as_text, compare_engines, installed_engines
+    from mbfmu.verification.engines.compare import ENGINES, as_dict, as_text, compare_engines, installed_engines
     from mbfmu.verification.engines.motions import compare_motions
     from mbfmu.verification.report import as_text as lines_as_text
     from mbfmu.verification.suite import has_wrong
@@ -157,14 +172,21 @@ def command_engines(options: argparse.Namespace) -> int:
         raise UserError(f"--engines is {options.engines}; allowed: a whole number from 1 on")
     if not (names := installed_engines()):
         raise UserError(f"no other engine is installed; install one of the packages {', '.join(ENGINES)}")
+    if options.json:
+        writable(options.json)
+    is_text = str(options.json) != "-"
     with bar(options.engines * len(names), "dynamics", options.quiet) as shown:
         found = compare_engines(options.engines, lambda _: shown.update())
-    print_unless_quiet(options, as_text(found))
+    if is_text:
+        print_unless_quiet(options, as_text(found))
     seeds, lines = range(0, options.engines, SEEDS_PER_MOTION), []
     with bar(len(seeds) * len(names), "motions", options.quiet) as shown:
         for name in names:
             for seed in seeds:
                 lines += compare_motions(seed, name)
                 shown.update()
-    print_unless_quiet(options, lines_as_text(lines))
-    return int(any(difference.worst > 1.0 for difference in found) or has_wrong(lines))
+    if is_text:
+        print_unless_quiet(options, lines_as_text(lines))
+    if options.json:
+        write_json({"differences": as_dict(found), "motions": [line.as_dict() for line in lines]}, options.json)
+    return int(not all(difference.is_right for difference in found) or has_wrong(lines))

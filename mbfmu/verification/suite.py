@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatch
 
 from mbfmu.util.errors import UserError, suggest
+from mbfmu.util.text_table import format_count
 
 from .problem import Problem
 from .problems import (
@@ -68,6 +69,8 @@ def select(only: Sequence[str] = (), *, quick: bool = False) -> list[Problem]:
     """
     known = [problem.name for problem in PROBLEMS]
     for name in only:
+        if not name:
+            raise UserError("the name of a problem is empty; allowed: the beginning of a name, or '*' for all")
         if not any(is_named(problem, name) for problem in PROBLEMS):
             raise UserError(f"there is no problem {name!r}{suggest(name, known)}")
     chosen = [p for p in PROBLEMS if not only or any(is_named(p, name) for name in only)]
@@ -114,5 +117,8 @@ def has_wrong(lines: Sequence[Line]) -> bool:
 def summarize(lines: Sequence[Line]) -> str:
     """Return the number of problems, lines and verdicts as one sentence."""
     counts = {word: sum(line.verdict == word for line in lines) for word in (RIGHT, "stopped", "warned", WRONG)}
-    problems = len({line.problem for line in lines})
-    return f"{problems} problems, {len(lines)} results: " + ", ".join(f"{n} {word}" for word, n in counts.items())
+    problems, results = (
+        format_count(len({line.problem for line in lines}), "problem"),
+        format_count(len(lines), "result"),
+    )
+    return f"{problems}, {results}: " + ", ".join(f"{n} {word}" for word, n in counts.items())

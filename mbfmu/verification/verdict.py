@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +77,13 @@ class Line:
     reason: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields by name."""
-        return asdict(self)
+        """Return the fields by name; numbers that are not finite, which JSON does not have, are None."""
+        return {name: finite(value) for name, value in asdict(self).items()}
+
+
+def finite(value: Any) -> Any:
+    """Return a value, None in place of a number that is not finite."""
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def methods_of(problem: Problem, chosen: Sequence[str]) -> list[str]:
@@ -103,17 +109,28 @@ def check(problem: Problem, methods: Sequence[str], tolerances: Sequence[float])
             yield check_motion(problem, reference, method, tolerance)
 
 
-def run_motion(problem: Motion, method: str, tolerance: float) -> tuple[Result, float]:
-    """Simulate; return the result and the CPU time between the first and the last output, s."""
-    clock: list[float] = []
+class Run(NamedTuple):
+    """Result of a simulation, the tolerance that the solver used, and the CPU time between first and last output, s."""
 
-    def watch(_: Simulation) -> None:
+    result: Result
+    tolerance: float
+    seconds: float
+
+
+def run_motion(problem: Motion, method: str, tolerance: float) -> Run:
+    """Simulate a problem."""
+    clock: list[float] = []
+    least = 0.0
+
+    def watch(simulation: Simulation) -> None:
+        nonlocal least
         clock.append(time.process_time())
+        least = simulation.stepper.min_rtol
 
     interval = problem.stop_time / (COMPARED_TIMES - 1)
     settings = {"solver": method, "tolerance": tolerance, **(problem.settings or {})}
     result = simulate(problem.build(), problem.stop_time, interval=interval, watch=watch, **settings)
-    return result, clock[-1] - clock[0]
+    return Run(result, max(tolerance * result.statistics.coarser, least), clock[-1] - clock[0])
 
 
 def check_motion(problem: Motion, reference: Reference, method: str, tolerance: float) -> Line:
@@ -128,12 +145,12 @@ def check_motion(problem: Motion, reference: Reference, method: str, tolerance: 
         uncertainty=reference.uncertainty,
     )
     try:
-        result, seconds = run_motion(problem, method, tolerance)
+        result, used, seconds = run_motion(problem, method, tolerance)
     except UserError as refusal:
         return replace(line, verdict=STOPPED, reason=str(refusal))
     line = replace(line, seconds=seconds)
     values = np.column_stack([result[name] for name in problem.outputs])
-    allowed = ERROR_FACTOR * tolerance * result.statistics.coarser * reference.sensitivity
+    allowed = ERROR_FACTOR * used * reference.sensitivity
     allowed = allowed + UNCERTAINTY_FACTOR * reference.uncertainty + problem.model_error
     compared = compared_times(problem, reference, allowed)
     is_early = result.failed and len(values) <= compared.max(initial=0)

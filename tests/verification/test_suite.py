@@ -13,7 +13,9 @@ import pytest
 from mbfmu.cli import main
 from mbfmu.util.errors import UserError
 from mbfmu.verification import suite
-from mbfmu.verification.problem import Exact, Motion, Value
+from mbfmu.verification.engines.compare import Difference
+from mbfmu.verification.engines.compare import as_dict as differences_as_dict
+from mbfmu.verification.problem import Exact, Motion, Reference, Value
 from mbfmu.verification.problems import (
     flexible_bodies,
     friction,
@@ -137,7 +139,7 @@ def test_a_reference_that_differs_is_wrong() -> None:
     assert right.error is not None
     assert right.allowed is not None
     assert right.error < right.allowed
-    result, _ = run_motion(problem, "adams", 1e-6)
+    result, *_ = run_motion(problem, "adams", 1e-6)
     at = int(np.argmin(np.abs(times - (right.time or 0.0))))
     assert right.value == result[right.output][at]
     assert right.reference == exact.at(times).values[at, problem.outputs.index(right.output)]
@@ -154,6 +156,24 @@ def test_a_run_that_stops_is_stopped_if_it_was_right() -> None:
     line = check_motion(problem, reference, "adams", 1e-6)
     assert line.verdict in ("stopped", "warned")
     assert "[too-many-steps]" in line.reason
+
+
+@pytest.mark.parametrize(("tolerance", "used"), [(1e-10, 1e-9), (1e-8, 1e-8)])
+def test_a_run_is_compared_at_the_tolerance_that_the_solver_used(tolerance: float, used: float) -> None:
+    """`ida` uses at least 1e-9 in models with loops; S(t) is one, so that the allowed error is 100 tolerances."""
+    problem = replace(named("sprung four-bar"), stop_time=0.05)
+    exact = np.ones((81, len(problem.outputs)))
+    line = check_motion(problem, Reference(1e3 * exact * np.linspace(0, 1, 81)[:, None], exact, 0.0), "ida", tolerance)
+    assert line.allowed == pytest.approx(100.0 * used)
+
+
+def test_numbers_that_are_not_finite_are_none_in_json() -> None:
+    (whirl,) = (p for p in PROBLEMS if p.name == "whirl")
+    line = check_value(replace(whirl, measure=lambda _: np.full(2, np.nan)))
+    assert line.verdict == "WRONG"
+    json.dumps(line.as_dict(), allow_nan=False)
+    assert not Difference("an engine", 1, np.nan, 0.0, np.nan).is_right
+    json.dumps(differences_as_dict([Difference("an engine", 1, np.nan, 0.0, np.nan)]), allow_nan=False)
 
 
 def test_a_number_that_differs_is_wrong() -> None:
@@ -193,7 +213,7 @@ def test_flexible_slider_crank_agrees_with_published_values() -> None:
     """Published values of the IVP test set; the reference and the simulation differ from them by less than 1e-9 m."""
     end = flexible_bodies.SliderCrankMotion().motion(np.array((0.0, 0.1)), 0.0, 1e-8)[-1]
     np.testing.assert_allclose(end, flexible_bodies.PUBLISHED_ROD, rtol=0, atol=1e-9)
-    result, _ = run_motion(named("flexible slider-crank"), "radau", 1e-8)
+    result, *_ = run_motion(named("flexible slider-crank"), "radau", 1e-8)
     found = [result[name][-1] for name in ("q1", "q2", "length", "x")]
     np.testing.assert_allclose(found, flexible_bodies.PUBLISHED_ROD, rtol=0, atol=1e-9)
 
@@ -218,6 +238,8 @@ def test_problems_are_selected_by_name_and_pattern() -> None:
     assert [p.name for p in select(["whirl"])] == ["whirl"]
     with pytest.raises(UserError, match="there is no problem 'pendulm'"):
         select(["pendulm"])
+    with pytest.raises(UserError, match="name of a problem is empty"):
+        select([""])
 
 
 def test_the_command_writes_a_report(

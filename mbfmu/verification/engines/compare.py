@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
 from mbfmu.util.text_table import format_table
+from mbfmu.verification.verdict import finite
 
 from . import with_mbfmu, with_mujoco, with_pinocchio
 from .random_trees import random_tree, start_of
@@ -40,6 +42,11 @@ class Difference:
     mass_matrix: float
     acceleration: float
     worst: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether all differences are allowed; a number that is not finite is not."""
+        return self.worst <= 1.0
 
 
 def installed_engines() -> list[str]:
@@ -84,8 +91,13 @@ def as_text(found: Sequence[Difference]) -> str:
             str(d.count),
             f"{d.mass_matrix:.1e}",
             f"{d.acceleration:.1e}",
-            "right" if d.worst <= 1.0 else f"WRONG: {d.worst:.2g} times the allowed difference",
+            "right" if d.is_right else f"WRONG: {d.worst:.2g} times the allowed difference",
         )
         for d in found
     ]
     return format_table(("engine", "mechanisms", "mass matrix", "accelerations", "verdict"), rows)
+
+
+def as_dict(found: Sequence[Difference]) -> list[dict[str, Any]]:
+    """Return the differences by engine; numbers that are not finite are None."""
+    return [{name: finite(value) for name, value in asdict(difference).items()} for difference in found]
