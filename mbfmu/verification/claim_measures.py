@@ -26,8 +26,8 @@ from .references import integrated
 from .suite import select
 from .verdict import check
 
-TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)  # of the tables of errors and computing times
-SOLVERS = ("adams", "hybrid", "radau", "ida")
+TABLE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)  # of the tables of errors and computing times
+TABLE_SOLVERS = ("adams", "hybrid", "radau", "ida")
 
 
 # ---- four-bar that passes its singular configuration -----------------------------------------------------------------
@@ -66,7 +66,7 @@ def passages_before_adams_lu_fails() -> float:
 @cache
 def _comparison(scene: str) -> dict[tuple[str, float], Row]:
     """Return the runs of a scene by solver and tolerance, timed in interleaved rounds."""
-    found = compare(load_scene(scene), solvers=SOLVERS, tolerances=TOLERANCES)
+    found = compare(load_scene(scene), solvers=TABLE_SOLVERS, tolerances=TABLE_TOLERANCES)
     return {(row.solver, row.rtol): row for row in found.rows}
 
 
