@@ -155,6 +155,19 @@ def test_a_sheet_that_meets_a_wall_jams_and_the_run_goes_on() -> None:
     assert found["stop.force.x"][-1] == pytest.approx(-model.nip_force, rel=0.2)  # the channel's friction takes some
 
 
+def test_a_jam_lasts_when_the_rollers_stop() -> None:
+    """With friction that sticks the thrust remains, where a sheet that creeps in its nip relaxes."""
+    model = Feeder(path="straight", nips=1, lead=0.055, stop_at=0.06, deflection=1e-5)
+    speed = [0.0, 0.04, 0.05, 1.0], [50.0, 50.0, 0.0, 0.0]  # s, rad/s
+    inputs = {f"roller[1].{side}.speed": speed for side in ("left", "right")}
+    found = mb.simulate(model, 0.3, interval=0.02, inputs=inputs)
+    assert not found.failure
+    thrust = found["stop.force.x"]
+    assert thrust[2] == pytest.approx(-model.nip_force, rel=0.2)
+    np.testing.assert_allclose(thrust[4:], thrust[4], rtol=1e-3)
+    np.testing.assert_allclose(found["trail.x"][4:], found["trail.x"][4], atol=1e-7)
+
+
 def test_two_speeds_pull_with_what_the_weaker_grip_has() -> None:
     free = {"guides": False, "gravity_y": 0.0, "mu_guide": 0.0, "path": "straight"}
     model = Feeder(**free, speed_ratio=1.05, lead=0.13, **(SMALL | {"spacing": 0.12}))

@@ -63,6 +63,7 @@ class Feeder(Model):
             "misalignment": {"misalignment": 0.02},
             "idler_inertia": {"idler_mass": 0.02},
             "curl": {"curl": 2.0},
+            "stick": {"deflection": 1e-5},
         }
     )
 
@@ -130,6 +131,14 @@ class Feeder(Model):
     mu_roller: float = parameter(1.0, min=0.0, max=10.0, doc="Friction coefficient of the rollers")
     creep: float = parameter(
         2e-3, min=0.0, max=1.0, doc="Relative slip at which 70 % of the friction limit is transmitted; 1 mm/s at rest"
+    )
+    deflection: float = parameter(
+        0.0,
+        unit="m",
+        min=0.0,
+        structural=True,
+        doc="Optional effect: displacement of the sheet under the friction limit before it slides, on guides and on "
+        "rollers at rest; 0: friction is a function of the slip velocity",
     )
     mu_guide: float = parameter(
         0.2, min=0.0, max=10.0, doc="Optional effect: friction coefficient of guides and wall; 0: no friction"
@@ -334,6 +343,7 @@ class Feeder(Model):
                 friction=self.mu_roller,
                 idler_friction=self.mu_idler,
                 creep=self.creep,
+                deflection=self.deflection or None,
                 idler=idler,
             )
             found.append(nip)
@@ -407,6 +417,7 @@ class Feeder(Model):
             sheet,
             surface,
             friction=self.mu_guide,
+            deflection=self.deflection or None,
             stiffness=stiffness,
             damping=self.guide_damping,
             points=CONTACT_POINTS,

@@ -52,6 +52,12 @@ class Attachment(Protocol):
     def numbers(self, values: Any) -> int:
         """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""
 
+    def history(self, count: int, shared: str = "") -> int:
+        """Keep ``count`` numbers in ``Arrays.numbers``, which are zero at the start of a run and which the kernel
+        ``longest_step`` changes at the end of every accepted step; return where they begin. Elements that give the same
+        name as ``shared`` share them.
+        """
+
 
 class ElementType:
     """Base of all roles.

@@ -66,6 +66,8 @@ def explain_missing_exchange(simulation: Simulation) -> str:
             f"it has {count} continuous states and {outputs} outputs, each of which depends on all states; supported: "
             f"{MAX_STATES} states, and a product of the two numbers of {MAX_DEPENDENCIES}"
         )
+    if simulation.compiled.histories:
+        return "the friction of a sheet that sticks has a history, which the solver updates at the end of its steps"
     constant = list_constant_inputs(simulation)
     for event in simulation.compiled.mechanism.events:
         for action in event.actions:

@@ -132,7 +132,7 @@ class Simulation(RunProgress):
         monitored = self.compiled.monitored
         self.session = Session.allocate(self.compiled.system.pinned_data, self.compiled.inputs.own, monitored)
         self._pinned = pin(self.session)
-        self._session_arrays = [*self.session.memory(), *self.session.inputs.values()]
+        self._session_arrays = [*self.session.memory(), *self.session.inputs.values(), *self.compiled.histories]
         self._impulse_is_unknown, self._supports_jump, self._limit_ratio = (
             self.session.status[name] for name in ("unknown", "jumps", "limit_ratio")
         )
@@ -265,8 +265,9 @@ class Simulation(RunProgress):
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
-        if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
-            _compiled.add(kind)
+        with self.compiled.histories_kept():
+            if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
+                _compiled.add(kind)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""

@@ -242,9 +242,10 @@ def try_solver(
         trial = stepper(solver, compiled.system, *state, options)
     except ValueError:
         return _Trial(state, 0.0, inf, False)
-    for t in times:
-        if not trial.advance(begin + t).ok or trial.statistics.steps > steps:
-            break
+    with compiled.histories_kept():
+        for t in times:
+            if not trial.advance(begin + t).ok or trial.statistics.steps > steps:
+                break
     done, took = trial.statistics, trial.t - begin
     cost = done.rhs_evals / took if took > 0.0 else inf
     return _Trial((trial.t, trial.q, trial.v), took, cost, done.stability_limited > 0)

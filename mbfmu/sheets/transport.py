@@ -54,6 +54,7 @@ def add_contact(
     depth: float | None = None,
     damping: float = 1.0,
     creep: float = 1e-3,
+    deflection: float | None = None,
     points: tuple[int, int] = (4, 4),
 ) -> SurfaceContactHandle:
     """Add contact between a sheet, on both faces, and a rigid surface.
@@ -79,6 +80,10 @@ def add_contact(
     creep
         Slip velocity v_r, m/s, at which friction has 70 % of its largest force mu N. A sheet that rests under a load
         F < mu N creeps at v_r F / sqrt(mu^2 N^2 - F^2): choose v_r such that this is allowed, and use ``esdirk``.
+    deflection
+        Displacement of a contact point under the load mu N before it slides, m: friction that sticks. A sheet at rest
+        does not creep, and ``creep`` is the slip velocity at which the damping of this elasticity has the force mu N.
+        None: friction is a function of the slip velocity.
     points
         Number of contact points of every cell along x and z.
 
@@ -100,6 +105,8 @@ def add_contact(
     for key, value in (("friction", friction), ("damping", damping)):
         not_negative(f"{key} of {what}", value)
     positive(f"creep of {what}", creep)
+    if deflection is not None:
+        positive(f"deflection of {what}", deflection)
     if not isinstance(points, Sequence) or len(points) != 2 or not all(map(_is_count, points)):
         raise UserError(f"points of {what} are {points!r}; allowed: two whole numbers from 1 on")
     side = max(sheet.a, sheet.b)
@@ -120,6 +127,7 @@ def add_contact(
         "damping": damping,
         "friction": friction,
         "friction_velocity": creep,
+        "deflection": deflection if deflection is not None and friction > 0.0 else 0.0,
     }
     holder = mechanism.ground if body is None else body
     loads = [
@@ -152,6 +160,7 @@ def add_nip(
     idler_friction: float = 0.3,
     creep: float = 2e-3,
     least: float = 1e-3,
+    deflection: float | None = None,
     contact: float | None = None,
     entry: float | None = None,
     stiffness: float | None = None,
@@ -187,6 +196,10 @@ def add_nip(
     creep, least
         Slip at which the roller has 70 % of its largest traction: relative to its speed, and at rest, m/s. The slip
         velocity used is the root of the sum of the squares of both.
+    deflection
+        Displacement of the sheet on a roller at rest under the load mu N before it slides, m: friction that sticks. A
+        sheet in a nip at rest does not creep. ``creep`` and ``least`` then are the slip at which the traction has its
+        largest value. None: friction is a function of the slip velocity.
     contact, entry
         Distance of the two contact points along the feed, and length over which an edge enters, m; None: 1/300 of the
         longer side of the sheet, and 0.4 of the radius, where the gap of the rollers is 0.16 of the radius.
@@ -217,6 +230,8 @@ def add_nip(
         positive(f"{key} of {what}", value)
     for key, value in (("friction", friction), ("idler_friction", idler_friction), ("creep", creep)):
         not_negative(f"{key} of {what}", value)
+    if deflection is not None:
+        positive(f"deflection of {what}", deflection)
     if isinstance(force, int | float):
         not_negative(f"force of {what}", force)
     if not -1.0 <= finite(f"uneven of {what}", uneven) <= 1.0:
@@ -269,11 +284,15 @@ def add_nip(
         "idler_friction": idler_friction,
         "creep": creep,
         "friction_velocity": least,
+        "deflection": deflection or 0.0,
     }
     turning = (roller,) if idler is None else (roller, idler)
     loads = [
-        (RollerNip(name=name, force=force, sides=(sheet.a, sheet.b), ends=ends, common=common), (*corners, *turning))
-        for _, corners, ends in _cells(sheet)
+        (
+            RollerNip(name=name, force=force, sides=(sheet.a, sheet.b), cell=cell, ends=ends, common=common),
+            (*corners, *turning),
+        )
+        for cell, (_, corners, ends) in zip(sheet.cells, _cells(sheet), strict=True)
     ]
     first, count = _add_loads(mechanism, name, loads, turning, sheet)
     return NipHandle(name, mechanism, first, count, 2 * pairs, roller, radius)

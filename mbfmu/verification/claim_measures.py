@@ -148,6 +148,15 @@ def least_tolerance(solver: str, loops: int) -> float:
 @cache
 def creep_of_resting_sheet(creep: float) -> float:
     """Return how far, m, a strip of paper on a slope at 0.7 of its largest friction force creeps from 1 to 10 s."""
+    return _drift_on_slope(creep, None)
+
+
+def creep_of_sticking_sheet(deflection: float) -> float:
+    """Return the same with friction that sticks."""
+    return _drift_on_slope(1e-3, deflection)
+
+
+def _drift_on_slope(creep: float, deflection: float | None) -> float:
     friction, share = 0.3, 0.7
     slope = atan(share * friction)
     m = Mechanism(gravity=(G * sin(slope), -G * cos(slope), 0.0))
@@ -164,7 +173,8 @@ def creep_of_resting_sheet(creep: float) -> float:
         membrane=True,
         damping=5e-4,
     )
-    add_contact(m, "table", strip, Wall(at=(0.0, -5e-5, 0.0)), friction=friction, creep=creep)
+    table = Wall(at=(0.0, -5e-5, 0.0))
+    add_contact(m, "table", strip, table, friction=friction, creep=creep, deflection=deflection)
     m.output("x", strip.node(4, 1).position("x"))
     result = simulate(m, 10.0, interval=1.0, solver="esdirk", tolerance=1e-4)
     return float(result["x"][-1] - result["x"][1])
@@ -197,6 +207,7 @@ MEASURES: dict[str, Callable[..., float]] = {
         error_of_pendulum_by_tolerance,
         least_tolerance,
         creep_of_resting_sheet,
+        creep_of_sticking_sheet,
         frequency_error_of_clamped_bar,
     )
 }

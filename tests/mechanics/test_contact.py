@@ -14,6 +14,7 @@ from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.dispatch import apply_load, load_tangent
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import to_complex_state
+from mbfmu.mechanics.recursions.active_loads import longest_load_step
 from mbfmu.mechanics.recursions.dynamics import update_kinematics
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
 from mbfmu.session.simulation import Settings, Simulation
@@ -159,7 +160,7 @@ def test_a_clamped_beam_gives_way_according_to_its_equation() -> None:
 
 def flag(
     surface: Surface | None = None, *, moving: bool = False, nip: bool = False, idle: bool = False,
-    carried: bool = False, grid: Any = (4, 3),
+    carried: bool = False, grid: Any = (4, 3), deflection: float | None = None,
 ) -> Mechanism:  # fmt: skip
     """A sheet in contact, with all outputs."""
     m = Mechanism(gravity=(0.3, -9.81, 0.2))
@@ -168,7 +169,7 @@ def flag(
     if surface is not None:
         body = m.body("carrier", m.ground, Floating(), mass=0.3, inertia=(0.1, 0.2, 0.15)) if moving else None
         law = {"stiffness": 1e5, "depth": 2e-3, "friction": 0.3, "creep": 0.05, "damping": 0.4}
-        contact = add_contact(m, "contact", sheet, surface, body=body, points=(2, 3), **law)
+        contact = add_contact(m, "contact", sheet, surface, body=body, points=(2, 3), deflection=deflection, **law)
         m.output("force.y", contact.force("y"))
         m.output("depth", contact.depth())
     if nip:
@@ -181,6 +182,7 @@ def flag(
         held = add_nip(
             m, "nip", sheet, roller, radius=0.05, at=(0.12, 0.0, 0.1), width=0.05, force=3.0, stiffness=300.0,
             damping=0.2, least=0.05, contact=0.02, idler=idler, idler_radius=0.03 if idle else None,
+            deflection=deflection,
         )  # fmt: skip
         m.output("slip", held.slip())
         m.output("loaded", held.loaded())
@@ -245,15 +247,26 @@ def test_the_structured_tangent_of_contact(name: str, monkeypatch: Any) -> None:
     np.testing.assert_allclose(T @ x, case.a, atol=1e-5 * np.abs(T).max() * np.abs(x).max())
 
 
+@pytest.mark.parametrize("deflection", [None, 5e-3])
 @pytest.mark.parametrize("name", [*SURFACES, "nip", "idler"])
-def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: str, monkeypatch: Any) -> None:
-    """On a body that moves too, and by velocities."""
+def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(
+    name: str, deflection: float | None, monkeypatch: Any
+) -> None:
+    """On a body that moves too, and by velocities; with bristles that were anchored at another state, too."""
     monkeypatch.setattr(systems, "MAX_DENSE_TREE_COORDINATES", 10**6)
-    nip = name in ("nip", "idler")
-    compiled = CompiledMechanism(flag(nip=True, idle=name == "idler") if nip else flag(SURFACES[name], moving=True))
-    case, c1, found = somewhere(compiled, np.random.default_rng(8)), 3.0, 0
+    nip, given = name in ("nip", "idler"), {"deflection": deflection}
+    compiled = CompiledMechanism(
+        flag(nip=True, idle=name == "idler", **given) if nip else flag(SURFACES[name], moving=True, **given)
+    )
+    rng = np.random.default_rng(8)
+    case, c1, found = somewhere(compiled, rng), 3.0, 0
     _, state = compiled.kernel_data
+    if deflection:
+        update_kinematics(0.0, case.q, case.v, *compiled.kernel_data)
+        longest_load_step(0.1, *compiled.kernel_data)
+        case = somewhere(compiled, rng)
     update_kinematics(0.0, case.q, case.v, *compiled.kernel_data)
+    compiled.data.state.time[0] = 1.0
     arrays, twin = pin(compiled.tangent_arrays()), pin(to_complex_state(compiled.data.state))
     system = compiled.complex_system()
     others, there = unpin(system.pinned_data)
@@ -267,7 +280,7 @@ def test_tangents_of_touch_and_nip_are_complex_steps_of_what_they_apply(name: st
         for j in range(count):
             for p, i in enumerate(bodies):
                 step(compiled.data.state.bodies[i], system.data.state.bodies[i], j - 6 * p, c1)
-            apply_load(system.data.arrays.loads[e], 0.0, others, there)
+            apply_load(system.data.arrays.loads[e], 1.0, others, there)
             expected[:, j] = -np.concatenate(
                 [system.data.state.bodies["F"][i].imag / COMPLEX_STEP_SIZE for i in bodies]
             )

@@ -27,6 +27,10 @@ CASES: dict[str, tuple[Model, str]] = {
     "free sheet, ida": (Sheet(nx=7, nz=5, support="free", start_spin=20.0, gravity_y=0.0), "ida"),
     "sheet, esdirk": (Sheet(nx=7, nz=5), "esdirk"),
     "feeder, esdirk": (Feeder(), "esdirk"),
+    "feeder that sticks, esdirk": (
+        Feeder(path="straight", nips=1, lead=0.055, stop_at=0.06, deflection=1e-5, nx=9, nz=5),
+        "esdirk",
+    ),
 }
 
 # the export of the feeder builds it many times

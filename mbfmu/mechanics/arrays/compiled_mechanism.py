@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from math import log10, prod
 from typing import Any
@@ -94,6 +96,7 @@ class CompiledMechanism:
         except MemoryError as error:
             what = f"a mechanism of {len(mechanism.bodies)} bodies"
             raise UserError(f"{what} needs more memory than is available; use fewer bodies") from error
+        self._history = np.array(numbering.history, np.int64)
         self.data, self.watched, self.watched_rates = elements.data, elements.watched, elements.watched_rates
         self.sampled = elements.sampled
         check_bounds(mechanism, elements.called(), self.data)
@@ -240,6 +243,21 @@ class CompiledMechanism:
     def called(self, numbers: NumberTypes = REAL) -> list[CalledKernel | None]:
         """Return the kernels of element types for these numbers, in the order of their addresses in the arrays."""
         return self._elements.called(numbers)
+
+    @property
+    def histories(self) -> list[Array]:
+        """Arrays with the histories of loads, which are a part of the state of a run; empty: no load has one."""
+        return [self.data.arrays.numbers] if len(self._history) else []
+
+    @contextmanager
+    def histories_kept(self) -> Iterator[None]:
+        """Let the histories of loads after this block be those before it: steps in it are a trial."""
+        numbers = self.data.arrays.numbers
+        kept = numbers[self._history]
+        try:
+            yield
+        finally:
+            numbers[self._history] = kept
 
     def signals(self, data: Data) -> list[InUse]:
         """Return every signal as it is in data of this compiled mechanism: its own, or those of a complex system."""
@@ -389,7 +407,8 @@ class CompiledMechanism:
     def adopt(self, other: CompiledMechanism) -> None:
         """Copy the numbers of a compiled mechanism of the same structure, built with other parameter values.
 
-        Inputs keep their values, and locked joints remain locked. Raises UserError where the structures differ.
+        Inputs and histories of loads keep their values, and locked joints remain locked. Raises UserError where the
+        structures differ.
         """
         mine: Any = self.data.arrays
         theirs: Any = other.data.arrays
@@ -397,7 +416,8 @@ class CompiledMechanism:
             alike = all(a.shape == b.shape for a, b in zip(mine, theirs, strict=True))
             if not alike or np.any(mine.kept != theirs.kept) or np.any(mine.kernels != theirs.kernels):
                 raise UserError("the parameter changes the structure of the mechanism; it cannot change during a run")
-            inputs = self.inputs.state()
+            inputs, history = self.inputs.state(), mine.numbers[self._history]
             for a, b in zip(mine, theirs, strict=True):
                 a[...] = b
+            mine.numbers[self._history] = history
             self.inputs.restore(inputs)

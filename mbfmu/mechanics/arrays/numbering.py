@@ -63,6 +63,10 @@ class Numbering:
         Place of the first state of every load.
     holds
         Numbers of the constant signals that joints follow while they are locked, by the number of the body.
+    numbers
+        Contents of ``Arrays.numbers``.
+    history
+        Places in ``numbers`` that kernels change during the run.
     """
 
     def __init__(self, mechanism: Mechanism, given_inputs: GivenInputs | None = None) -> None:
@@ -80,6 +84,8 @@ class Numbering:
         self.drive: list[int] = []
         self.coordinate_names: list[str] = []
         self.numbers: list[float] = []
+        self.history: list[int] = []
+        self._shared_histories: dict[str, int] = {}
         self.nq_full = self.nv_full = self.nq = self.nv = 0
         for axis, gravity in mechanism.gravity_inputs.items():
             ((name, unit, description, start),) = gravity.variables()
@@ -160,6 +166,16 @@ class Numbering:
         """Keep numbers; return where they begin."""
         first = len(self.numbers)
         self.numbers.extend(np.ravel(values))
+        return first
+
+    def keep_history(self, count: int, shared: str) -> int:
+        """Keep zeros that change during the run, once for each name that is ``shared``; return where they begin."""
+        if shared in self._shared_histories:
+            return self._shared_histories[shared]
+        first = self.keep(np.zeros(count))
+        self.history += range(first, first + count)
+        if shared:
+            self._shared_histories[shared] = first
         return first
 
     def _number(self, signal: Signal, *, drive: bool = False) -> int:
@@ -291,3 +307,7 @@ class CompiledAttachment:
     def numbers(self, values: Any) -> int:
         """Keep numbers; return where they begin."""
         return self._numbering.keep(values)
+
+    def history(self, count: int, shared: str = "") -> int:
+        """Keep zeros that kernels change during the run; return where they begin."""
+        return self._numbering.keep_history(count, shared)

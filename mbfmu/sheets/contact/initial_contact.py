@@ -17,11 +17,17 @@ import numpy as np
 
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.util.errors import UserError
+from solvers.compiled.kernel import kernel
 
-from .surface_force import find_max_penetration
+from .patch import evaluate_center, evaluate_line, evaluate_on_line, hull_radius
+from .scratch import contact_scratch
+from .surface_force import gap
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.arrays.load_groups import LoadGroup
+    from mbfmu.mechanics.records import Arrays, State
+    from mbfmu.sheets.contact.surface_force import SurfaceContactRecord
+    from solvers.compiled.record import Reals, Table
 
 # Depth in which a sheet may start, relative to the depth of the contact law, or to that which bears the sheet's weight
 MAX_START_DEPTH_RATIO = 5.0
@@ -71,11 +77,11 @@ def undersampled_edges(group: LoadGroup) -> list[str]:
         lies = np.abs(axes.T @ (group.bodies["A"][holder.index] @ along))  # cosines
         apart = np.array(load.sides) / load.samples
         across, sideways = apart * np.sqrt(np.clip(1.0 - lies**2, 0.0, 1.0)), apart * lies
-        for size, what, gap in ((2.0 * radius, "thick", across.max()), (long, "wide", sideways.max())):
-            if size < gap:
+        for size, what, spacing in ((2.0 * radius, "thick", across.max()), (long, "wide", sideways.max())):
+            if size < spacing:
                 messages.append(
                     f"surface of contact {contact.name!r} is {size:.3g} m {what}, but the contact points of sheet "
-                    f"{_sheet(group, contact)!r} are {gap:.3g} m apart: an edge between two points causes "
+                    f"{_sheet(group, contact)!r} are {spacing:.3g} m apart: an edge between two points causes "
                     f"no contact force. Use more points per cell than {tuple(load.samples)}"
                 )
     return messages
@@ -129,3 +135,31 @@ def _resting_depth(contact: _Contact, gravity: float) -> float:
     depth = sum(body.mass for body in contact.nodes) * gravity / area / law.stiffness
     square = float(np.sqrt(2.0 * law.depth * depth))
     return square if square < law.depth else depth + 0.5 * law.depth
+
+
+@kernel
+def find_max_penetration(
+    contacts: Table[SurfaceContactRecord], points: Any, arrays: Arrays, state: State, found: Reals
+) -> None:
+    """found (k, 4) <- depth of the deepest point of each of k contacts, m, zero where none is in, and its place.
+
+    ``points`` (k, 2) is their number along x and z.
+    """
+    bodies = state.bodies
+    for e in range(found.shape[0]):
+        contact, nx, nz = contacts[e], points[e, 0], points[e, 1]
+        here = contact_scratch(contact, state)
+        for j in range(4):
+            found[e, j] = 0.0
+        evaluate_center(contact, bodies, here.r)
+        if gap(contact, arrays, state) > hull_radius(contact, bodies, here.r):
+            continue
+        for i in range(nx + 1):
+            evaluate_line(contact, i / nx, bodies, here.line)
+            for k in range(nz + 1):
+                evaluate_on_line(here.line, k / nz, here.r)
+                d = -gap(contact, arrays, state)
+                if d > found[e, 0] and here.part > 0.0:
+                    found[e, 0] = d
+                    for j in range(3):
+                        found[e, 1 + j] = here.r[j]

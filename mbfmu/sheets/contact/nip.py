@@ -34,7 +34,8 @@ does, with its own slip and mu_i, and the roller with mu both ways. ``part`` ris
 sheet passes the length of entry. So long roller and idler are a wedge to it: at s from the end of that way they are
 2 o apart, o = s^2 / (2 R), and the rubber feels y^3 / (y^2 + o^2) in place of y. Else the first touch would tear the
 edge into the plane. The roller creeps: v_r^2 = least^2 + (creep v_roller)^2, and under a load F along the feed
-the slip is v_r F / sqrt(mu^2 N^2 - F^2). Without a memory the law cannot stick: a stopped sheet creeps too.
+the slip is v_r F / sqrt(mu^2 N^2 - F^2), also of a stopped sheet. With a ``deflection`` it sticks, see
+:mod:`.nip_friction`.
 
 ``result`` of the scratch memory: sums over stations of part (0), of part times the slip s_d (1), of -f_d (2), of f_e
 (3) and of f (4), N; power of these forces on sheet and rollers but for what the rubber stores (5), W; stored energy
@@ -56,15 +57,31 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, Vec3, f8, i8
 
 from .initial_contact import misplaced_nips
+from .nip_friction import (
+    IDLER,
+    ROLLER,
+    apply_friction_reaction,
+    begin_history,
+    find_friction_direction,
+    find_slip,
+    history_size,
+)
 from .patch import (
-    apply_reaction,
     apply_to_nodes,
     bezier_lever,
     evaluate_ruled_weights,
     interpolate_point,
     point_velocity,
 )
-from .scratch import ALL_POINTS, CONTACT_REASON, CONTACT_SCRATCH, NIP_SCRATCH, contact_scratch, nip_scratch
+from .scratch import (
+    ALL_POINTS,
+    CONTACT_REASON,
+    CONTACT_SCRATCH,
+    MOVE_ANCHORS,
+    NIP_SCRATCH,
+    contact_scratch,
+    nip_scratch,
+)
 from .stations import (
     bound_cell,
     cell_clearance,
@@ -94,8 +111,10 @@ class NipRecord(Record):
     force: i8  # number of the signal N
     scratch: i8  # places of the scratch memory
     pair_scratch: i8
+    history: i8  # place of the history, see :mod:`.nip_friction`
     pairs: i8  # of stations, across the width
     way: i8  # the feed is along x (0) or z (1) of the sheet
+    cell: Annotated[Integers, (2,)]  # number of the cell along x and z
     ends: Annotated[Integers, (2, 2)]  # as those of a surface contact
     node: Annotated[Integers, (4,)]
     a: f8
@@ -117,6 +136,7 @@ class NipRecord(Record):
     idler_friction: f8
     creep: f8
     friction_velocity: f8  # slip v_r at rest, m/s
+    deflection: f8  # d of the bristles, m; 0: there are none
 
 
 @kernel
@@ -158,7 +178,8 @@ def evaluate_contact(nip: NipRecord, t: float, arrays: Arrays, state: State) -> 
         solve_pair_forces(nip, pair, here)
         for i in range(2):
             if pair.part[i].real > 0.0:
-                apply_station_force(nip, i, N * (1.0 + nip.uneven * place) / (2 * nip.pairs), pair, bodies, here)
+                load = N * (1.0 + nip.uneven * place) / (2 * nip.pairs)
+                apply_station_force(nip, j, i, load, t, arrays.numbers, pair, bodies, here)
 
 
 @kernel
@@ -189,43 +210,12 @@ def solve_pair_forces(nip: NipRecord, pair: NipScratch, here: ContactScratch) ->
     here.result[6] -= 0.5 * (pair.y[0] * pair.f[0] + pair.y[1] * pair.f[1])
 
 
-@inlined
-def friction_force(
-    nip: NipRecord, body: MotionRecord, R: float, ahead: float, side: float, along: float, across: float
-) -> Any:
-    """Friction of a body's surface at R n from its axis on the sheet there, whose speed is ``ahead`` along d and
-    ``side`` along e, and its slip; each along d and e. It is ``along`` and ``across`` at most.
-    """
-    d, n, e, Y = nip.d, nip.n, nip.e, body.Y
-    feed, slide = 0.0 * ahead, 0.0 * ahead
-    for k in range(3):
-        p, q = (k + 1) % 3, (k + 2) % 3
-        surface = Y[k] + R * (Y[3 + p] * n[q] - Y[3 + q] * n[p])
-        feed, slide = feed + surface * d[k], slide + surface * e[k]
-    sd, se = ahead - feed, side - slide
-    root = np.sqrt(
-        sd * sd
-        + se * se
-        + nip.friction_velocity * nip.friction_velocity
-        + nip.creep * nip.creep * (feed * feed + slide * slide)
-    )
-    return -along * sd / root, -across * se / root, sd, se
-
-
-@inlined
-def apply_friction_reaction(
-    nip: NipRecord, body: MotionRecord, R: float, fd: Reals, fe: Reals, here: ContactScratch
-) -> None:
-    """Let what the sheet feels by :func:`friction_force` act back on the body."""
-    for k in range(3):
-        here.f[k] = fd * nip.d[k] + fe * nip.e[k]
-        here.p[k] = body.r[k] + R * nip.n[k]
-    apply_reaction(body, here.p, here.f)
-
-
 @kernel
-def apply_station_force(nip: NipRecord, i: int, N: float, pair: Any, bodies: Table[MotionRecord], here: Any) -> None:
-    """What one station of a pair feels."""
+def apply_station_force(
+    nip: NipRecord, j: int, i: int, N: float, t: float, numbers: Reals, pair: Any, bodies: Table[MotionRecord],
+    here: Any,
+) -> None:  # fmt: skip
+    """Add the force at station i of pair j."""
     evaluate_ruled_weights(nip, nip.way, pair.at[i, 0], pair.at[i, 1], here.c, here.cx, here.cz)
     interpolate_point(nip, here.c, bodies, here.r)
     interpolate_point(nip, here.cx, bodies, here.rx)
@@ -249,10 +239,17 @@ def apply_station_force(nip: NipRecord, i: int, N: float, pair: Any, bodies: Tab
     fn = pair.f[i] * pair.gain[i] + damped
     along, sideways = part * nip.friction * N, part * nip.idler_friction * N
     across = along if nip.idler > 0 else along + sideways
-    fd, fe, sd, se = friction_force(nip, bodies[nip.roller], nip.radius, ahead, side, along, across)
+    station, xi, zeta = 2 * j + i, pair.at[i, 0] + nip.cell[0], pair.at[i, 1] + nip.cell[1]
+    roller, R = bodies[nip.roller], nip.radius
+    sd, se, speed = find_slip(nip, roller, R, ahead, side)
+    x, y, root = find_friction_direction(nip, station, ROLLER, R, sd, se, speed, xi, zeta, t, numbers, roller, here)
+    fd, fe = -along * x / root, -across * y / root
     gd, ge, idler_power = zero, zero, zero
     if nip.idler > 0:
-        gd, ge, td, te = friction_force(nip, bodies[nip.idler], -nip.idler_radius, ahead, side, sideways, sideways)
+        idler, R = bodies[nip.idler], -nip.idler_radius
+        td, te, speed = find_slip(nip, idler, R, ahead, side)
+        x, y, root = find_friction_direction(nip, station, IDLER, R, td, te, speed, xi, zeta, t, numbers, idler, here)
+        gd, ge = -sideways * x / root, -sideways * y / root
         idler_power = gd * td + ge * te
     result[0] += part
     result[1] += part * sd
@@ -331,6 +328,18 @@ def potential(nip: NipRecord, arrays: Arrays, state: State) -> float:
     return evaluate_quantity(nip, state.time[0].real, arrays, state, 6)
 
 
+@kernel
+def longest_step(nip: NipRecord, taken: float, arrays: Arrays, state: State) -> float:
+    """See :mod:`mbfmu.mechanics.loads.base`: steps are of any length. Its bristles are moved."""
+    if nip.deflection > 0.0:
+        here = contact_scratch(nip, state)
+        begin_history(nip, state.time[0], taken, arrays.numbers)
+        here.accumulate_only = MOVE_ANCHORS
+        evaluate_contact(nip, state.time[0], arrays, state)
+        here.accumulate_only = 0
+    return np.inf
+
+
 @dataclass(frozen=True, kw_only=True)
 class RollerNip(Load):
     """One cell of a sheet against a nip; :func:`.add_nip` makes those of a sheet."""
@@ -340,6 +349,7 @@ class RollerNip(Load):
     potential = potential
     tangent = tangent
     clearance = clearance
+    longest_step = longest_step
     symmetric = False  # friction
     nonsmooth_reason = CONTACT_REASON
     stiffness_reason = "the contact stiffness of nips is thousands of times the bending stiffness of the sheet"
@@ -347,6 +357,7 @@ class RollerNip(Load):
     name: str
     force: Any
     sides: tuple[float, float]
+    cell: tuple[int, int]
     ends: tuple[tuple[bool, bool], tuple[bool, bool]]
     common: dict[str, Any]
 
@@ -379,8 +390,10 @@ class RollerNip(Load):
         """Write the nodes, the roller and the idler, if there is one, and what every cell has in common."""
         record["node"], record["roller"] = site.bodies[:4], site.bodies[4]
         record["idler"] = site.bodies[5] if len(site.bodies) > 5 else 0
-        record["ends"], (record["a"], record["b"]) = self.ends, self.sides
+        record["cell"], record["ends"], (record["a"], record["b"]) = self.cell, self.ends, self.sides
         record["force"] = site.signal(self.force, f"force of nip {self.name!r}")
         record["scratch"], record["pair_scratch"] = site.scratch(CONTACT_SCRATCH), site.scratch(NIP_SCRATCH)
         for key, value in self.common.items():
             record[key] = value
+        if self.common["deflection"] > 0.0:
+            record["history"] = site.history(history_size(self.common["pairs"]), self.name)

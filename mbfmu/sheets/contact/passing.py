@@ -19,6 +19,7 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
+from .anchors import move_anchors
 from .patch import (
     evaluate_center,
     evaluate_line,
@@ -29,7 +30,7 @@ from .patch import (
     sagitta,
 )
 from .scratch import contact_scratch
-from .surface_force import gap, is_separated
+from .surface_force import gap, is_separated, subtract_surface_velocity
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
@@ -44,12 +45,9 @@ def passing_time(distance: float, taken: float, body: MotionRecord, here: Contac
     """Time, s, in which a point at here.r with the velocity here.v moves by ``distance`` (m) into a surface with the
     normal here.f, at the earliest.
     """
-    r, v, f = here.r, here.v, here.f
-    x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
+    v, f = here.v, here.f
     own = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    v[0] -= body.Y[0] + body.Y[4] * z - body.Y[5] * y
-    v[1] -= body.Y[1] + body.Y[5] * x - body.Y[3] * z
-    v[2] -= body.Y[2] + body.Y[3] * y - body.Y[4] * x
+    subtract_surface_velocity(body, here)
     turning = body.Y[3] * body.Y[3] + body.Y[4] * body.Y[4] + body.Y[5] * body.Y[5]
     relative = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     approach = -(f[0] * v[0] + f[1] * v[1] + f[2] * v[2])
@@ -63,10 +61,13 @@ def passing_time(distance: float, taken: float, body: MotionRecord, here: Contac
 
 @kernel
 def longest_step(contact: SurfaceContactRecord, taken: float, arrays: Arrays, state: State) -> float:
-    """See :mod:`mbfmu.mechanics.loads.base`: no point of the cell is to be deeper than the middle of the surface."""
+    """See :mod:`mbfmu.mechanics.loads.base`: no point of the cell is to be deeper than the middle of the surface. The
+    anchors of its bristles are moved first.
+    """
+    longest = move_anchors(contact, taken, arrays, state) if contact.deflection > 0.0 else np.inf
     if not contact.passage < np.inf:
-        return np.inf
-    here, bodies, longest = contact_scratch(contact, state), state.bodies, np.inf
+        return longest
+    here, bodies = contact_scratch(contact, state), state.bodies
     body = bodies[contact.body]
     evaluate_center(contact, bodies, here.r)
     distance = gap(contact, arrays, state)

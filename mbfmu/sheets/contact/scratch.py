@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import State
 
 # Results are added up without forces on bodies: of the points that the cell owns; of all its points, those on borders
-# with half their share.
-ALL_POINTS, OWN_SHARE = 1, 2
+# with half their share. Or bristles of a nip are moved to the end of a step.
+ALL_POINTS, OWN_SHARE, MOVE_ANCHORS = 1, 2, 3
 
 CONTACT_REASON = "contact forces change within micrometers, and friction forces within millimeters per second"
 
@@ -37,7 +37,7 @@ class ContactScratch(Record):
     dr: Annotated[Reals, (3, 6)]  # how it moves with the six motions of a body
     df: Annotated[Reals, (3, 6)]  # ... and minus what the force changes by
     result: Annotated[Reals, (8,)]  # sums over contact points; see the loads
-    accumulate_only: i8  # ALL_POINTS, OWN_SHARE: add up only; see above
+    accumulate_only: i8  # ALL_POINTS, OWN_SHARE, MOVE_ANCHORS: apply no forces; see above
 
 
 CONTACT_SCRATCH = ContactScratch.dtype

@@ -10,6 +10,7 @@ import numpy as np
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.loads.base import Load
 
+from .bristles import history_size
 from .initial_contact import check_surface_contacts, undersampled_edges
 from .passing import longest_step
 from .patch import bezier_lever
@@ -44,6 +45,7 @@ class SurfaceContact(Load):
     damping: float
     friction: float
     friction_velocity: float
+    deflection: float = 0.0
 
     @property
     def slip_scale(self) -> float:
@@ -74,5 +76,7 @@ class SurfaceContact(Load):
         record["samples"], record["ends"] = self.samples, self.ends
         record["a"], record["b"] = self.sides
         record["half"], record["passage"] = 0.5 * self.thickness, self.surface.passing_depth()
-        for key in ("stiffness", "depth", "damping", "friction", "friction_velocity"):
+        for key in ("stiffness", "depth", "damping", "friction", "friction_velocity", "deflection"):
             record[key] = getattr(self, key)
+        if self.deflection > 0.0:
+            record["history"] = site.history(history_size(self.samples))

@@ -8,7 +8,7 @@ A point stands for its share w of the area. Where it is deeper than the surface 
 
 v the velocity relative to the surface, v_n > 0 where it leaves. An impact so loses (4/3) chi v of its energy to first
 order, whatever phi is. Points lie on edges of the sheet too, with half their share: an edge that no point is on would
-pass through a wall.
+pass through a wall. A contact with a ``deflection`` has the friction of :mod:`.bristles` instead.
 
 ``result`` of the scratch memory: the force on the sheet (0..2), N; stored energy (3), J; power of what is not stored
 (4), W; depth of the deepest point (5), m.
@@ -22,9 +22,10 @@ import numpy as np
 
 from mbfmu.mechanics.dispatch import part_value
 from mbfmu.mechanics.steps import COMPLEX_STEP_SIZE, step
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, f8, i8
 
+from .bristles import find_friction_direction
 from .patch import (
     apply_reaction,
     apply_to_nodes,
@@ -55,6 +56,7 @@ class SurfaceContactRecord(Record):
     body: i8  # that the surface is fixed to
     surface: i8  # its number among the parts
     scratch: i8  # place of the scratch memory
+    history: i8  # place of the history, see :mod:`.bristles`
     convex: i8  # 1: it is
     samples: Annotated[Integers, (2,)]  # along x and z of the cell
     ends: Annotated[
@@ -70,6 +72,7 @@ class SurfaceContactRecord(Record):
     damping: f8  # chi, s/m
     friction: f8  # mu
     friction_velocity: f8  # v_r, m/s
+    deflection: f8  # d of the bristles, m; 0: there are none
 
 
 @kernel
@@ -125,7 +128,7 @@ def clearance(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> An
 
 
 @kernel
-def evaluate_contact(contact: SurfaceContactRecord, arrays: Arrays, state: State) -> None:
+def evaluate_contact(contact: SurfaceContactRecord, t: float, arrays: Arrays, state: State) -> None:
     """Add the forces at all points to ``here.result``, and unless ``accumulate_only`` to the bodies."""
     here, bodies = contact_scratch(contact, state), state.bodies
     search = state.search[0]
@@ -152,7 +155,7 @@ def evaluate_contact(contact: SurfaceContactRecord, arrays: Arrays, state: State
                 search.has_acted, search.parts = 1, search.parts | bit
                 evaluate_weights(contact, i / nx, k / nz, here.c)
                 point_velocity(contact, here.c, bodies, here.v)
-                point_force(contact, point_area(contact, i, k, own), d, bodies[contact.body], here)
+                point_force(contact, i, k, point_area(contact, i, k, own), d, t, arrays, bodies[contact.body], here)
                 if here.accumulate_only == 0:
                     apply_to_nodes(contact, here.c, bodies, here.f)
                     if contact.body > 0:
@@ -171,21 +174,29 @@ def point_area(contact: SurfaceContactRecord, i: int, k: int, own: bool) -> floa
     return share
 
 
-@kernel
-def point_force(
-    contact: SurfaceContactRecord, share: float, d: Reals, body: MotionRecord, here: ContactScratch
-) -> None:
-    """here.f <- what a point at here.r with the velocity here.v feels, the normal of the surface in here.f so far."""
-    r, v, f, result = here.r, here.v, here.f, here.result
+@inlined
+def subtract_surface_velocity(body: MotionRecord, here: ContactScratch) -> None:
+    """here.v <- velocity of the point at here.r relative to the body of the surface."""
+    r, v = here.r, here.v
     x, y, z = r[0] - body.r[0], r[1] - body.r[1], r[2] - body.r[2]
     v[0] -= body.Y[0] + body.Y[4] * z - body.Y[5] * y
     v[1] -= body.Y[1] + body.Y[5] * x - body.Y[3] * z
     v[2] -= body.Y[2] + body.Y[3] * y - body.Y[4] * x
-    k, d0 = contact.stiffness * share * here.part, contact.depth
+
+
+@kernel
+def point_force(
+    contact: SurfaceContactRecord, i: int, k: int, share: float, d: Reals, t: float, arrays: Arrays,
+    body: MotionRecord, here: ContactScratch,
+) -> None:  # fmt: skip
+    """here.f <- force on point i, k at here.r with the velocity here.v, the normal of the surface in here.f so far."""
+    v, f, result = here.v, here.f, here.result
+    subtract_surface_velocity(body, here)
+    stiffness, d0 = contact.stiffness * share * here.part, contact.depth
     if d.real < d0.real:
-        spring, stored = k * d * d / (2.0 * d0), k * d * d * d / (6.0 * d0)
+        spring, stored = stiffness * d * d / (2.0 * d0), stiffness * d * d * d / (6.0 * d0)
     else:
-        spring, stored = k * (d - 0.5 * d0), k * (0.5 * d * d - 0.5 * d0 * d + d0 * d0 / 6.0)
+        spring, stored = stiffness * (d - 0.5 * d0), stiffness * (0.5 * d * d - 0.5 * d0 * d + d0 * d0 / 6.0)
     leaving = f[0] * v[0] + f[1] * v[1] + f[2] * v[2]
     N = spring * (1.0 - contact.damping * leaving)
     if N.real < 0.0:
@@ -198,9 +209,14 @@ def point_force(
     if contact.friction.real > 0.0:
         for j in range(3):
             v[j] -= leaving * f[j]
-        square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-        friction = contact.friction * N / np.sqrt(square + contact.friction_velocity * contact.friction_velocity)
-        result[4] -= friction * square
+        if contact.deflection.real > 0.0:
+            friction = contact.friction * N
+            point = i * (contact.samples[1] + 1) + k
+            result[4] -= friction * find_friction_direction(contact, point, t, arrays.numbers, body, here.p, f, v)
+        else:
+            square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+            friction = contact.friction * N / np.sqrt(square + contact.friction_velocity * contact.friction_velocity)
+            result[4] -= friction * square
     for j in range(3):
         f[j] = N * f[j] - friction * v[j]
         result[j] += f[j]
@@ -212,7 +228,7 @@ def tangent(
 ) -> float:
     """See :mod:`mbfmu.mechanics.loads.base`: the law by complex steps of a point, the point by its weights."""
     here, there, bodies = contact_scratch(contact, state), contact_scratch(contact, perturbed), state.bodies
-    body, moved = bodies[contact.body], perturbed.bodies[contact.body]
+    body, moved, t = bodies[contact.body], perturbed.bodies[contact.body], state.time[0]
     step(body, moved, -1, c1)
     evaluate_center(contact, bodies, here.r)
     for j in range(3):
@@ -237,16 +253,16 @@ def tangent(
                     if j < 3:  # by the velocity: depth and normal stay
                         step_point(3 + j, here, there)
                         there.f[0], there.f[1], there.f[2] = nx0, ny0, nz0
-                        point_force(contact, share, d, moved, there)
+                        point_force(contact, i, k, share, d, t, arrays, moved, there)
                     else:
-                        point_force_perturbed(contact, share, j - 3, arrays, here, perturbed)
+                        point_force_perturbed(contact, i, k, share, j - 3, t, arrays, here, perturbed)
                     for row in range(3):
                         here.by[row, (j + 3) % 6] = -there.f[row].imag / COMPLEX_STEP_SIZE
                         here.f[row] = there.f[row].real
                 if contact.body > 0:
                     for j in range(6):
                         step(body, moved, j, c1)
-                        point_force_perturbed(contact, share, 6, arrays, here, perturbed)
+                        point_force_perturbed(contact, i, k, share, 6, t, arrays, here, perturbed)
                         for row in range(3):
                             here.df[row, j] = -there.f[row].imag / COMPLEX_STEP_SIZE
                             here.dr[row, j] = -1.0 if row == j else 0.0
@@ -269,12 +285,14 @@ def step_point(j: int, here: ContactScratch, there: ContactScratch) -> None:
 
 @kernel
 def point_force_perturbed(
-    contact: SurfaceContactRecord, share: float, j: int, arrays: Arrays, here: Any, perturbed: State
-) -> None:
+    contact: SurfaceContactRecord, i: int, k: int, share: float, j: int, t: float, arrays: Arrays, here: Any,
+    perturbed: State,
+) -> None:  # fmt: skip
     """perturbed.contact.f <- force at a point after an imaginary step of position (j < 3), velocity (j < 6) or none."""
     there = contact_scratch(contact, perturbed)
     step_point(j, here, there)
-    point_force(contact, share, -gap(contact, arrays, perturbed), perturbed.bodies[contact.body], there)
+    d = -gap(contact, arrays, perturbed)
+    point_force(contact, i, k, share, d, t, arrays, perturbed.bodies[contact.body], there)
 
 
 @kernel
@@ -344,37 +362,9 @@ def evaluate_quantity(contact: SurfaceContactRecord, arrays: Arrays, state: Stat
     for j in range(8):
         here.result[j] = 0.0
     here.accumulate_only = ALL_POINTS
-    evaluate_contact(contact, arrays, state)
+    evaluate_contact(contact, state.time[0].real, arrays, state)
     here.accumulate_only = 0
     return here.result[k]
-
-
-@kernel
-def find_max_penetration(
-    contacts: Table[SurfaceContactRecord], points: Any, arrays: Arrays, state: State, found: Reals
-) -> None:
-    """found (k, 4) <- depth of the deepest point of each of k contacts, m, zero where none is in, and its place.
-
-    ``points`` (k, 2) is their number along x and z.
-    """
-    bodies = state.bodies
-    for e in range(found.shape[0]):
-        contact, nx, nz = contacts[e], points[e, 0], points[e, 1]
-        here = contact_scratch(contact, state)
-        for j in range(4):
-            found[e, j] = 0.0
-        evaluate_center(contact, bodies, here.r)
-        if gap(contact, arrays, state) > hull_radius(contact, bodies, here.r):
-            continue
-        for i in range(nx + 1):
-            evaluate_line(contact, i / nx, bodies, here.line)
-            for k in range(nz + 1):
-                evaluate_on_line(here.line, k / nz, here.r)
-                d = -gap(contact, arrays, state)
-                if d > found[e, 0] and here.part > 0.0:
-                    found[e, 0] = d
-                    for j in range(3):
-                        found[e, 1 + j] = here.r[j]
 
 
 @kernel
@@ -384,7 +374,7 @@ def apply(contact: SurfaceContactRecord, t: float, arrays: Arrays, state: State)
     result = here.result
     if here.accumulate_only == 0:  # else sensors add up the values of several contacts
         result[4] = 0.0
-    evaluate_contact(contact, arrays, state)
+    evaluate_contact(contact, t, arrays, state)
     state.cached_power[0] += result[4]
 
 

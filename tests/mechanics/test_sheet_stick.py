@@ -1,0 +1,287 @@
+"""Friction of a sheet that sticks: a stiff strip is a block whose friction has an elastic bristle."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from mbfmu.mechanics import Body, Harmonic, Mechanism, PointForce, Polynomial, Revolute, RunUp, Translational
+from mbfmu.native.exchange_states import explain_missing_exchange
+from mbfmu.session.simulation import Settings, Simulation, UnstartedSimulation
+from mbfmu.sheets import NipHandle, Wall, add_contact, add_nip, add_sheet
+from mbfmu.sheets.contact.anchors import map_anchor
+from mbfmu.sheets.contact.scratch import ContactScratch
+from mbfmu.sheets.contact.surface_force import SurfaceContactRecord
+from mbfmu.util.errors import UserError
+
+from .random_mechanisms import random_rotation
+
+FRICTION, GRAVITY = 0.3, 9.81
+LENGTH, WIDTH, THICKNESS, DENSITY = 0.3, 0.03, 2e-3, 800.0
+DEFLECTION, CREEP = 1e-4, 1e-2  # m, m/s
+WEIGHT = DENSITY * LENGTH * WIDTH * THICKNESS * GRAVITY  # N
+SLIDES = FRICTION * GRAVITY  # m/s^2, acceleration that friction gives at most
+Motion = Callable[[float], float]
+
+
+def add_block(m: Mechanism, size: float = 1.0, axes: Any = None, **options: Any) -> Any:
+    """A strip that is so stiff that it is a block."""
+    return add_sheet(
+        m, "strip", length=LENGTH * size, width=WIDTH * size, thickness=THICKNESS * size, youngs_modulus=4e9 * size,
+        poisson=0.0, density=DENSITY, grid=(7, 3), tree="master", membrane=True, damping=5e-4 * np.sqrt(size),
+        rotation=axes, **options,
+    )  # fmt: skip
+
+
+def on_table(
+    *, slope: float = 0.0, load: float = 0.0, table: Body | None = None, mechanism: Mechanism | None = None,
+    size: float = 1.0, axes: Any = None, **options: Any,
+) -> Mechanism:  # fmt: skip
+    """A block that rests on a table at the depth at which this carries its weight.
+
+    ``load`` is the amplitude of an acceleration along x by forces, at 1 Hz. Times are in units of sqrt(``size``).
+    """
+    Q, rate = np.eye(3) if axes is None else axes, 1.0 / np.sqrt(size)
+    m = Mechanism() if mechanism is None else mechanism
+    m.gravity[:] = Q @ (GRAVITY * np.sin(slope), -GRAVITY * np.cos(slope), 0.0)
+    strip = add_block(m, size, axes, **options)
+    depth, weight = 1e-5 * size, DENSITY * THICKNESS * size * GRAVITY * np.cos(slope)  # m, N/m^2
+    law = {
+        "friction": FRICTION, "creep": CREEP * size * rate, "deflection": DEFLECTION * size, "points": (2, 2),
+        "stiffness": 2.0 * weight / depth, "depth": depth, "damping": rate,
+    }  # fmt: skip
+    place = Q @ (0.0, depth - 0.5 * THICKNESS * size, 0.0)
+    contact = add_contact(m, "table", strip, Wall(at=place, normal=Q[:, 1]), body=table, **law)
+    for row in strip.nodes if load else ():
+        for node in row:
+            magnitude = Harmonic(amplitude=load * node.mass, frequency=rate)
+            m.force(f"force.{node.name}", PointForce(magnitude=magnitude, axis=Q[:, 0]), node)
+    for axis in "xyz":
+        m.output(axis, strip.node(3, 1).position(axis))
+        m.output(f"end.{axis}", strip.node(6, 1).position(axis))
+    m.output("heat", contact.heat())
+    m.output("friction", contact.force("x"))
+    return m
+
+
+def run(m: Mechanism, stop_time: float, interval: float, solver: str = "esdirk", **options: Any) -> mb.Result:
+    """A run without an error, and without a warning about its energy."""
+    found = mb.simulate(m, stop_time, interval=interval, solver=solver, **({"tolerance": 1e-5} | options))
+    assert not found.failure
+    assert not [d for d in found.diagnostics if d.code != "large-error"]
+    return found
+
+
+def block_motion(times: Any, acceleration: Motion, belt: Motion = lambda t: 0.0, steps: int = 2000) -> Any:
+    """Positions (m) of a block on a belt with this velocity, whose bristle is elastic and perfectly plastic: Heun's
+    method with ``steps`` between two times.
+    """
+    h, x, v, z = (times[1] - times[0]) / steps, 0.0, belt(0.0), 0.0
+    found = [x]
+
+    def rate(t: float, v: float, z: float) -> float:
+        return acceleration(t) - SLIDES * float(min(1.0, max(-1.0, z + (v - belt(t)) / CREEP)))
+
+    for k in range(steps * (len(times) - 1)):
+        t = times[0] + k * h
+        a, s = rate(t, v, z), v - belt(t)
+        w = v + h * a
+        end = min(1.0, max(-1.0, z + 0.5 * h * (s + w - belt(t + h)) / DEFLECTION))
+        following = v + 0.5 * h * (a + rate(t + h, w, end))
+        x, v, z = x + 0.5 * h * (v + following), following, end
+        if (k + 1) % steps == 0:
+            found.append(x)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("solver", "size", "tilted"),
+    [("esdirk", 1.0, False), ("esdirk", 100.0, True), ("esdirk", 0.01, True), ("ida", 1.0, True)],
+)
+def test_a_sheet_on_a_slope_rests_for_an_hour(solver: str, size: float, tilted: bool) -> None:
+    """Below the angle of friction, in any attitude; of any size it is displaced by less than its deflection."""
+    axes = random_rotation(np.random.default_rng(3)) if tilted else np.eye(3)
+    m = on_table(slope=np.arctan(0.7 * FRICTION), size=size, axes=axes)
+    found = run(m, 3600.0, 360.0, solver, tolerance=1e-4)
+    way = (np.stack([found[axis] for axis in "xyz"], axis=1) - [found[axis][0] for axis in "xyz"]) @ axes / size
+    assert 0.6 * DEFLECTION < way[-1, 0] < DEFLECTION
+    assert np.abs(way[1:] - way[1]).max() < 1e-6 * DEFLECTION
+
+
+def test_a_sheet_slides_down_a_steep_slope() -> None:
+    """Above the angle of friction: g (sin a - mu cos a)."""
+    slope = np.arctan(1.5 * FRICTION)
+    found = run(on_table(slope=slope), 0.4, 0.1)
+    a = GRAVITY * (np.sin(slope) - FRICTION * np.cos(slope))
+    assert found["x"][4] - 2.0 * found["x"][3] + found["x"][2] == pytest.approx(0.01 * a, rel=1e-4)
+
+
+def test_below_breakaway_a_sheet_returns() -> None:
+    """The displacement is d F / (mu N), with the damping, and there is no creep under a load that alternates."""
+    found = run(on_table(load=0.9 * SLIDES), 20.0, 0.05, max_step=0.02)
+    x, t = found["x"] - found["x"][0], 0.05 * np.arange(401)
+    expected = block_motion(t[:81], lambda t: 0.9 * SLIDES * np.sin(2.0 * np.pi * t))
+    np.testing.assert_allclose(x[:81], expected, atol=2e-3 * DEFLECTION)
+    np.testing.assert_allclose(x[-20:], x[21:41], atol=2e-4 * DEFLECTION)
+
+
+def test_beyond_breakaway_a_sheet_sticks_and_slides_in_turn() -> None:
+    found = run(on_table(load=1.5 * SLIDES), 3.0, 0.05)
+    x, t = found["x"] - found["x"][0], 0.05 * np.arange(61)
+    expected = block_motion(t, lambda t: 1.5 * SLIDES * np.sin(2.0 * np.pi * t))
+    np.testing.assert_allclose(x, expected, atol=1e-3 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("share", [0.5, 1.5])
+def test_a_belt_carries_a_sheet(share: float) -> None:
+    """As long as its acceleration does not exceed mu g, else with slip."""
+    amplitude = share * SLIDES / (2.0 * np.pi) ** 2
+    m = Mechanism()
+    drive = Harmonic(amplitude=amplitude, frequency=1.0, phase=0.5 * np.pi)
+    belt = m.body("belt", m.ground, Translational(axis="x", drive=drive), mass=1.0)
+    found = run(on_table(table=belt, mechanism=m), 2.0, 0.05)
+    x, t = found["x"] - found["x"][0], 0.05 * np.arange(41)
+    speed = lambda t: -2.0 * np.pi * amplitude * np.sin(2.0 * np.pi * t)  # noqa: E731
+    expected = block_motion(t, lambda t: 0.0, speed)
+    np.testing.assert_allclose(x, expected, atol=1e-3 * np.ptp(expected))
+    if share < 1.0:
+        np.testing.assert_allclose(x, amplitude * (np.cos(2.0 * np.pi * t) - 1.0), atol=0.6 * DEFLECTION)
+
+
+def test_a_turntable_carries_a_sheet_around() -> None:
+    """Below w^2 r = mu g: twice around, displaced in the rotating axes by less than the deflection."""
+    m = Mechanism()
+    table = m.body("turntable", m.ground, Revolute(axis="y", drive=RunUp(speed=1.5, duration=1.0)), mass=1.0)
+    found = run(on_table(table=table, mechanism=m, at=(0.0, 0.0, -0.5 * WIDTH)), 10.0, 0.5, tolerance=1e-6)
+    angle = 1.5 * (10.0 - 0.5)
+    expected = found["end.x"][0] * np.array((np.cos(angle), -np.sin(angle)))
+    np.testing.assert_allclose((found["end.x"][-1], found["end.z"][-1]), expected, atol=DEFLECTION)
+
+
+def test_energy_of_a_sheet_that_slides_to_rest_is_heat() -> None:
+    """A sheet with the speed v stops after v^2 / (2 mu g), and its bristles return by d."""
+    v = 0.5
+    found = run(on_table(rate=(v, 0.0, 0.0, 0.0, 0.0, 0.0)), 0.3, 1e-3, tolerance=1e-7)
+    stop = v**2 / (2.0 * SLIDES) - DEFLECTION
+    assert found["x"][-1] - found["x"][0] == pytest.approx(stop, abs=1e-2 * DEFLECTION)
+    heat = np.trapezoid(found["heat"], dx=1e-3)
+    assert heat == pytest.approx(0.5 * WEIGHT / GRAVITY * v**2, rel=1e-4)
+
+
+@pytest.mark.parametrize("solver", ["esdirk", "ida"])
+def test_a_run_returns_to_a_checkpoint_and_a_saved_state(solver: str) -> None:
+    """With its bristles: a sheet rests where it rested. After that ``ida`` takes other steps."""
+
+    def begin() -> Simulation:
+        return Simulation(on_table(slope=np.arctan(0.7 * FRICTION)), Settings(solver=solver, tolerance=1e-4))
+
+    first = begin()
+    first.advance(1.0)
+    point, saved = first.checkpoint(), first.save()
+    first.advance(2.0)
+    place = first.stepper.q.copy()
+    first.rollback(point)
+    first.advance(2.0)
+    second = begin()
+    second.restore(saved)
+    second.advance(2.0)
+    for again in (first, second):
+        error = 0.0 if solver == "esdirk" else 1e-3 * DEFLECTION
+        np.testing.assert_allclose(again.stepper.q, place, rtol=0.0, atol=error)
+
+
+def test_trials_of_solvers_leave_no_bristles() -> None:
+    """A run with ``auto`` starts with those that it has with the solver that is chosen: none."""
+    simulation = Simulation(on_table(slope=0.1), Settings(solver="auto", tolerance=1e-4))
+    (history,) = simulation.compiled.histories
+    assert not np.any(history)
+    assert simulation.advance(0.1).ok
+    assert np.any(history)
+
+
+def test_model_exchange_is_refused_with_the_reason() -> None:
+    simulation = UnstartedSimulation(on_table(), Settings(solver="esdirk", tolerance=1e-4))
+    assert "the friction of a sheet that sticks has a history" in explain_missing_exchange(simulation)
+
+
+def in_nip(share: float, speed: float = 0.0, **options: Any) -> tuple[Mechanism, NipHandle]:
+    """A block in a nip that is drawn along x by this share of mu N; the surface speed of the roller is ``speed``."""
+    m, radius, friction, force = Mechanism(), 0.01, 0.5, 2.0
+    strip = add_block(m, at=(-0.2, 0.0, -0.5 * WIDTH), rate=(speed, 0.0, 0.0, 0.0, 0.0, 0.0))
+    inertia: dict[str, Any] = {"mass": 0.1, "inertia": (1e-5,) * 3}
+    axle = Revolute(at=(0.0, -radius, 0.0), drive=Polynomial((0.0, -speed / radius)))
+    roller = m.body("roller", m.ground, axle, **inertia)
+    law = {"friction": friction, "creep": 2e-3, "least": CREEP, "deflection": DEFLECTION} | options
+    nip = add_nip(m, "nip", strip, roller, radius=radius, at=(0.0, 0.0, 0.0), width=WIDTH, force=force, **law)
+    for node, part in zip(strip.nodes[-1], (0.25, 0.5, 0.25), strict=True):
+        magnitude = part * share * friction * force
+        m.force(f"force.{node.name}", PointForce(magnitude=magnitude, axis="x"), node)
+    m.output("x", strip.node(3, 1).position("x"))
+    m.output("slip", nip.slip())
+    m.output("traction", nip.traction())
+    return m, nip
+
+
+@pytest.mark.parametrize("solver", ["esdirk", "ida"])
+def test_a_nip_at_rest_holds_a_sheet(solver: str) -> None:
+    found = run(in_nip(0.7)[0], 3600.0, 360.0, solver, tolerance=1e-6)
+    way = found["x"] - found["x"][0]
+    assert 0.6 * DEFLECTION < way[-1] < DEFLECTION
+    assert np.abs(way[1:] - way[1]).max() < 1e-6 * DEFLECTION
+    assert found["traction"][-1] == pytest.approx(0.7)  # mu N is 1 N
+
+
+def test_beyond_its_friction_a_nip_lets_go() -> None:
+    """(F - mu N) / m."""
+    found = run(in_nip(1.05)[0], 0.1, 0.02)
+    x = found["x"]
+    assert x[5] - 2.0 * x[4] + x[3] == pytest.approx(0.02**2 * 0.05 / (WEIGHT / GRAVITY), rel=1e-3)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.1])
+def test_bristles_leave_a_nip_that_turns(speed: float) -> None:
+    """With S^2 = v_r^2 + (creep v)^2 the load F / (mu N) = s / v + s / S of steady rolling, at any step size."""
+    found = run(in_nip(0.7, speed)[0], 0.5, 0.1, tolerance=1e-6)
+    expected = 0.7 / (1.0 / speed + 1.0 / np.hypot(CREEP, 2e-3 * speed))
+    assert found["slip"][-1] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_anchor_of_a_point_follows_on_a_tractrix() -> None:
+    """A point that is drawn along a straight line: tan(phi / 2) = tan(phi_0 / 2) exp(-s / d)."""
+    contact, here, numbers = SurfaceContactRecord.zeros(1)[0], ContactScratch.zeros(1)[0], np.zeros(20)
+    contact["deflection"], here["n"] = DEFLECTION, (0.0, 1.0, 0.0)
+    numbers[:4] = 1.0, 0.0, 0.0, 0.0
+    steps = 3000
+    for k in range(steps + 1):
+        here["p"] = 1e-3 * k * DEFLECTION, 0.3, DEFLECTION
+        map_anchor(contact, 0, 4, numbers, here)
+        numbers[:4] = numbers[4:8]
+    trailing = here["p"] - numbers[1:4]
+    assert np.hypot(trailing[0], trailing[2]) == pytest.approx(DEFLECTION)
+    phi = np.arctan2(trailing[2], trailing[0])
+    assert np.tan(0.5 * phi) == pytest.approx(np.exp(-1e-3 * steps), rel=2e-3)
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-5, np.nan])
+def test_deflections_are_positive(value: float) -> None:
+    m = Mechanism()
+    strip = add_block(m)
+    with pytest.raises(UserError, match="deflection of contact 'table' is"):
+        add_contact(m, "table", strip, Wall(), friction=0.3, deflection=value)
+    with pytest.raises(UserError, match="deflection of nip 'nip' is"):
+        in_nip(0.5, deflection=value)
+
+
+def test_the_example_of_the_page_on_transport(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[2] / "docs/transport.md").read_text()
+    (block,) = (text for text in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "deflection" in text)
+    exec(compile(block, "docs/transport.md", "exec"), {})
+    printed = capsys.readouterr().out.strip()
+    assert f"print(x[-1] - x[0] < 2e-5, abs(x[-1] - x[1]) < 1e-12)  # {printed}:" in block
+    assert printed == "True True"
