@@ -49,7 +49,7 @@ EVALUATIONS_PER_OSCILLATION_RATE = 15.0  # per 1/s of a fast oscillation that is
 DENSE_TOLERANCE_EXPONENT = 1.0 / 6.0  # evaluations of radau grow as 1 / tolerance to this power
 TREE_TOLERANCE_EXPONENT = 0.45  # the same, of esdirk and ida on trees
 MIN_HYBRID_CONSTRAINTS = 10  # constraint equations from which LU on the dependent coordinates pays
-MIN_ESDIRK_TOLERANCE = 1e-6  # tightest tolerance of esdirk
+MIN_ESDIRK_TOLERANCE = 1e-6  # tightest tolerance of esdirk on trees without meshes, where its order is too low
 # part of the fastest undamped motion's rate that must be followed for orders of BDF above MAX_STABLE_BDF_ORDER
 MIN_RESOLVED_RATE_RATIO = 0.3
 MAX_STABLE_BDF_ORDER = 2  # of BDF, up to which undamped motions of any speed are stable
@@ -114,7 +114,7 @@ def limit_order(
     requested = options.max_order
     if solver != "ida":
         return options, []
-    meshed = not system.has_matrices and system.mesh_mask is not None and bool(system.mesh_mask.any())
+    meshed = has_mesh(compiled)
     if requested and requested <= MAX_STABLE_BDF_ORDER:
         return options, [] if meshed and requested == MAX_STABLE_BDF_ORDER else [describe_low_order(requested)]
     if system.has_matrices or system.mesh_mask is None:
@@ -275,10 +275,21 @@ def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str,
         return "esdirk", f"a large model with {size} and contact"
     if system.m:
         return "ida", f"a large model with {size} and {format_count(system.m, 'constraint')}"
-    if tolerance < MIN_ESDIRK_TOLERANCE:
+    if not suits_esdirk(compiled, tolerance):
         limit = f"{MIN_ESDIRK_TOLERANCE:g}"
         return "ida", f"a large model with {size} and a tolerance below {limit}, which is too small for esdirk"
     return "esdirk", f"a large open-chain model with {size}"
+
+
+def has_mesh(compiled: CompiledMechanism) -> bool:
+    """Whether a large model contains a sheet."""
+    system = compiled.system
+    return not system.has_matrices and system.mesh_mask is not None and bool(system.mesh_mask.any())
+
+
+def suits_esdirk(compiled: CompiledMechanism, tolerance: float) -> bool:
+    """Whether `esdirk` needs less than `ida` for an error: on sheets, where the order of `ida` is lower, always."""
+    return tolerance >= MIN_ESDIRK_TOLERANCE or has_mesh(compiled)
 
 
 def describe_size(compiled: CompiledMechanism) -> str:

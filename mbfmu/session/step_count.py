@@ -21,7 +21,7 @@ from solvers.options import Options
 from solvers.stepper import Stepper
 from solvers.steppers.ida.tree import TreeIDAStepper
 
-from .solver_selection import EVALUATION_WEIGHTS, IMPLICIT_TRIAL_STEPS, MIN_ESDIRK_TOLERANCE, State, try_solver
+from .solver_selection import EVALUATION_WEIGHTS, IMPLICIT_TRIAL_STEPS, State, suits_esdirk, try_solver
 
 FIRST_CHECK_STEPS = 2000  # steps after which the pace is checked first
 NEXT_CHECK_FACTOR = 4  # steps at the next check, in units of those at the last one
@@ -102,15 +102,14 @@ class StepCountCheck:
         """Return what other solvers need for a second of motion from ``state``, in weighed evaluations, 1/s.
 
         Evaluations of implicit solvers are weighed as in :mod:`mbfmu.session.solver_selection`.
-        ``esdirk`` is not tried at tolerances for
-        which its error is too large.
+        ``esdirk`` is not tried where `ida` needs less for an error.
         """
         try:
             compiled = self._copy()
         except UserError:
             return {}
         names = {} if compiled.system.nonsmooth_reason else {"adams": MAX_EXPLICIT_TRIAL_STEPS}
-        if self._options.absolute >= MIN_ESDIRK_TOLERANCE:
+        if suits_esdirk(compiled, self._options.absolute):
             names["esdirk"] = IMPLICIT_TRIAL_STEPS
         times = [took * part for part in TRIAL_TIME_FACTORS]
         return {
