@@ -163,7 +163,7 @@ class ImportedTransmission:
     name: str
     description: str
     bodies: list[str]
-    factors: list[float]
+    factors: tuple[float, ...]
     input: str = ""
     unit: str = "1"
     gain: float = 0.0

@@ -101,8 +101,8 @@ class Drives:
                 continue
             joint = self.driven(k)[1]
             if joint.has_one_coordinate:
-                joint.armature += armature * self.gear_of(k) ** 2
-                joint.damping += damping * self.gear_of(k) ** 2
+                joint.armature += armature * self.gear_of(k) * self.gear_of(k)
+                joint.damping += damping * self.gear_of(k) * self.gear_of(k)
             else:
                 self.losses.add("ball armature" if armature else "ball damping", joint.name)
 
@@ -146,8 +146,8 @@ class Drives:
             "description": f"Control of {own}, which drives {', '.join(joint.name for _, joint, _ in terms)}",
             "gain": gear * gain,
             "bias": gear * float(bias[0]),
-            "stiffness": -float(bias[1]) * gear**2 + 0.0,
-            "damping": -float(bias[2]) * gear**2 + 0.0,
+            "stiffness": -float(bias[1]) * gear * gear + 0.0,
+            "damping": -float(bias[2]) * gear * gear + 0.0,
         }
         of_control, of_force = self.control_limits(k), self.force_limits(k, name, gear)
         ranges = [model.actuator_ctrlrange[int(model.actuator_ctrladr[k])], model.actuator_forcerange[k]]
@@ -166,7 +166,7 @@ class Drives:
             ImportedTransmission(
                 **coefficients,
                 bodies=[body for body, _, _ in terms],
-                factors=[factor for _, _, factor in terms],
+                factors=tuple(factor for _, _, factor in terms),
                 control_limits=of_control,
                 limits=of_force,
             )

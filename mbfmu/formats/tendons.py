@@ -112,7 +112,7 @@ class Tendons:
                     name=self._new_name(k),
                     description="",
                     bodies=[term.body for term in terms],
-                    factors=[term.factor for term in terms],
+                    factors=tuple(term.factor for term in terms),
                     bias=stiffness * unloaded,
                     stiffness=stiffness,
                     damping=damping,
@@ -179,7 +179,9 @@ class Tendons:
         joined = {id(term.joint) for term in own} & {id(term.joint) for term in others}
         if others and len(own) == len(others) == 1 and not joined:
             (x,), c = others, own[0].factor
-            return [own[0], x], p * x.factor ** np.arange(5) / c + np.eye(5)[0] * (constant - p[0]) / c, x.origin
+            with np.errstate(over="ignore", invalid="ignore"):  # which is reported as a number that is not finite
+                coefficients = p * x.factor ** np.arange(5) / c
+            return [own[0], x], coefficients + np.eye(5)[0] * (constant - p[0]) / c, x.origin
         if np.any(p[2:]) or joined:
             return None
         constant -= p[1] * sum(term.factor * term.origin for term in others)

@@ -197,5 +197,6 @@ def stiffness_of_range(solref: Vector, solimp: Vector, inverse_inertia: float) -
     """
     time, ratio = map(float, solref)
     largest = float(solimp[1]) or 1.0
-    rate = 1.0 / (largest * time * ratio) ** 2 if time > 0.0 and ratio > 0.0 else abs(time) / largest**2
+    scale = largest * time * ratio  # powers and divisions by zero would raise exceptions for extreme numbers
+    rate = 1.0 / scale / scale if time > 0.0 and scale > 0.0 else abs(time) / largest / largest
     return rate / (float(inverse_inertia) or 1.0)

@@ -59,6 +59,21 @@ REFUSED_URDF = [
 ]
 
 
+def servo(attributes: str) -> str:
+    """A servo with a limit of its force."""
+    actuator = f"<position name='u' joint='j' kp='2' forcerange='-1 1' {attributes}/>"
+    return mjcf(f"<body><joint name='j'/>{INERTIAL}</body>", f"<actuator>{actuator}</actuator>")
+
+
+def tendons(factor: str) -> str:
+    """Two joints that an equality constraint of tendons couples by a polynomial."""
+    bodies = "".join(f"<body name='{k}'><joint name='j{k}'/>{INERTIAL}</body>" for k in "ab")
+    factors = {"a": "1", "b": factor}
+    paths = "".join(f"<fixed name='{k}'><joint joint='j{k}' coef='{c}'/></fixed>" for k, c in factors.items())
+    equality = "<equality><tendon name='e' tendon1='a' tendon2='b' polycoef='0 1 1 0 0'/></equality>"
+    return mjcf(bodies, f"<tendon>{paths}</tendon>{equality}")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -95,6 +110,12 @@ REFUSED_URDF = [
         (mjcf(f"<body><joint type='revolute'/>{INERTIAL}</body>"), "keyword: 'revolute'.* free, ball, slide or hinge"),
         (mjcf(f"<body><joint/>{INERTIAL}</body>", "<actuator><motor joint='x'/></actuator>"), "Check this name"),
         (mjcf(f"<body gravcomp='1'><joint/>{INERTIAL}</body>").replace('mass="2"', 'mass="1e308"'), "is not a finite"),
+        (servo("gear='1e308'"), "(gain|stiffness) of u is not a finite"),
+        (servo("gear='1e200'").replace("forcerange='-1 1'", ""), "stiffness of u is not a finite"),
+        (servo("armature='1e300' gear='1e10'"), "armature of j is not a finite"),
+        (mjcf(f"<body><joint name='j' range='-1 1' solreflimit='1e-200 1'/>{INERTIAL}</body>"), "stiffness of j is"),
+        (mjcf(f"<body><joint ref='1e308'/>{INERTIAL}</body>"), "ref of a joint is .* rad; allowed: angles up to"),
+        (tendons("1e300"), "coefficients of e is not a finite"),
         *REFUSED_URDF,
     ],
 )  # fmt: skip

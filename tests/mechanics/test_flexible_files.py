@@ -109,6 +109,9 @@ def test_files_that_calculix_has_written_have_its_frequencies() -> None:
     [
         ("job.sti", "1 1", "line 3 of '.*job.sti' is '1 1'; allowed: row, column, value"),
         ("job.sti", "1 1 nan", "line 3 of '.*allowed: row, column, value, finite"),
+        ("job.sti", "1 1 1_0", "line 3 of '.*allowed: row, column, value, finite"),
+        ("job.sti", "1 1 \u0661.5", "line 3 of '.*allowed: row, column, value, finite"),
+        ("job.sti", "1 \u0661 1.5", "line 3 of '.*allowed: row, column, value"),
         ("job.sti", "1 9999 1.0", "line 3 of '.*rows and columns of 1 to"),
         ("job.sti", "2 2 5e9\n2 2 6e9", "one value for an entry"),
         ("job.dof", "12.7", r"line 3 of '.*job.dof' is '12.7'; allowed: node.direction"),
@@ -121,6 +124,23 @@ def test_damaged_lines_are_refused_with_their_number(folder: Path, name: str, li
     (folder / name).write_text("\n".join([*lines[:2], line, *lines[3:]]))
     with pytest.raises(UserError, match=message):
         calculix(folder)
+
+
+def test_saved_bodies_with_any_wrong_byte_are_read_or_refused(tmp_path: Path) -> None:
+    """Also wrong versions, methods and flags of the archive, in which another kind of exception is raised."""
+    path = tmp_path / "body.npz"
+    mb.FlexibleBody.from_fe(BLOCK.M, BLOCK.K, BLOCK.nodes, {"left": BLOCK.face(0, False)}, modes=1).save(path)
+    whole = path.read_bytes()
+    central = whole.index(b"PK\x01\x02")
+    refused = 0
+    for k in (*range(30), *range(central, central + 46)):
+        for value in (0, 9, 99, 255):
+            path.write_bytes(whole[:k] + bytes([value]) + whole[k + 1 :])
+            try:
+                mb.FlexibleBody.load(path)
+            except UserError:
+                refused += 1
+    assert refused > 50
 
 
 def test_nodes_that_are_wrong_or_missing_are_refused(folder: Path) -> None:

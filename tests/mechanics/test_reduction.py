@@ -145,6 +145,8 @@ def test_models_that_are_wrong_are_refused_by_what_is_wrong() -> None:
         ((M, changed(K, 0, 0, 0.5), X, FACES), {}, "resists rigid-body motions"),
         ((M, 0 * K, X, FACES), {}, "stiffness matrix is zero"),
         ((M, K * np.nan, X, FACES), {}, "stiffness matrix contains numbers that are not finite"),
+        ((M, changed(K, 3, 3, 1e290), X, FACES), {}, r"stiffness matrix contains .*e\+29.; allowed: numbers up to"),
+        ((changed(M, 4, 4, 1e300), K, X, FACES), {}, r"mass matrix contains .*; allowed: numbers up to 1e\+150"),
         ((M, K, X, {}), {}, "needs at least one"),
         ((M, K, X, {"left": []}), {}, "interface 'left' has no node"),
         ((M, K, X, {"left": [0]}), {}, "'left' has 1 node, .* at least three"),
@@ -186,6 +188,18 @@ def test_parts_that_are_not_joined_are_refused() -> None:
     nodes = np.vstack([beam.nodes, beam.nodes + np.array([0.0, 1.0, 0.0])])
     with pytest.raises(UserError, match="Parts of the body may not be joined"):
         mb.FlexibleBody.from_fe(M, K, nodes, {"a": [0], "b": [9]}, modes=4)
+
+
+def test_mass_matrices_with_missing_entries_are_refused() -> None:
+    """Entries between displacements and rotations do not change the mass, but the first moments."""
+    ends: dict[str, Any] = {"foot": [0], "tip": [5]}
+    coupled = [(i, j) for i, j in np.argwhere(np.abs(BRACKET.M) > 2e-3) if i % 6 < 3 <= j % 6]
+    assert len(coupled) > 10
+    for i, j in coupled:
+        M = BRACKET.M.copy()
+        M[i, j] = M[j, i] = 0.0
+        with pytest.raises(UserError, match=r"first moments that differ by .* Check that all its entries are given"):
+            mb.FlexibleBody.from_fe(M, BRACKET.K, BRACKET.nodes, ends, modes=4)
 
 
 def test_lumped_masses_without_rotational_inertia_are_reported_as_such() -> None:

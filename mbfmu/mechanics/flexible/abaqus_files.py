@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .text_lines import MAX_DIRECTIONS, Entry, Place, text_lines, wrong_line
+from .text_lines import MAX_DIRECTIONS, Entry, Place, integer_of, real_of, text_lines, wrong_line
 
 
 def read_node_blocks(deck: str | Path) -> dict[int, list[float]]:
@@ -25,10 +25,7 @@ def read_node_blocks(deck: str | Path) -> dict[int, list[float]]:
             is_block = text[1:].split(",")[0].strip().upper() == "NODE"
         elif is_block:
             words = text.replace(",", " ").split()
-            try:
-                node, place = int(words[0]), [float(word) for word in words[1:]]
-            except ValueError:
-                node, place = 0, []
+            node, place = integer_of(words[0]) or 0, [real_of(word) for word in words[1:]]
             if node < 1 or not 2 <= len(place) <= 3 or not np.all(np.isfinite(place)):
                 raise wrong_line(deck, number, text, "number of a node, x, y, z")
             if node in found:
@@ -42,10 +39,10 @@ def read_rows(path: str | Path) -> list[Place]:
     allowed = f"node.direction, with a direction of 1 to {MAX_DIRECTIONS}"
     found = []
     for number, text in _lines(path):
-        node, point, direction = text.partition(".")
-        if not point or not (node.isdecimal() and direction.isdecimal()) or not 1 <= int(direction) <= MAX_DIRECTIONS:
+        node, direction = (integer_of(part) for part in text.partition(".")[::2])
+        if node is None or direction is None or node < 1 or not 1 <= direction <= MAX_DIRECTIONS:
             raise wrong_line(path, number, text, allowed)
-        found.append((int(node), int(direction)))
+        found.append((node, direction))
     return found
 
 
@@ -66,11 +63,11 @@ def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
 def _entry(path: str | Path, number: int, text: str, words: list[str], rows: list[Place] | None) -> Entry:
     allowed = "node, direction, node, direction, value" if rows is None else "row, column, value"
     count = 4 if rows is None else 2
-    try:
-        own, value = [int(word) for word in words[:count]], float(words[count])
-    except (ValueError, IndexError):
-        raise wrong_line(path, number, text, allowed) from None
-    if len(words) != count + 1 or not np.isfinite(value):
+    own = [found for word in words[:count] if (found := integer_of(word)) is not None]
+    if len(words) != count + 1 or len(own) != count:
+        raise wrong_line(path, number, text, allowed)
+    value = real_of(words[count])
+    if not np.isfinite(value):
         raise wrong_line(path, number, text, f"{allowed}, finite")
     if rows is not None:
         if not all(1 <= k <= len(rows) for k in own):

@@ -21,6 +21,8 @@ WRITTEN_DIGITS = 1e-6  # relative error of numbers that a program has written wi
 RESISTANCE = 1e-5  # of rigid-body motions, relative to that of single nodes; from numbers of seven digits
 FASTEST_WAVES = 4e4  # m/s; sound in diamond has 1.8e4 m/s, and no material has more than 3.6e4 m/s
 WAVE_FACTOR = 10.0  # by which the estimate of the speed may be too large
+MASS_ERROR = 1e-4  # of the mass along an axis, and of first moments
+LARGEST = 1e150  # whose square is a number
 LENGTH_UNITS = {"mm": 1e-3, "in": 0.0254, "km": 1e3, "cm": 1e-2}
 
 
@@ -53,6 +55,7 @@ def checked_matrices(mass_matrix: Any, stiffness_matrix: Any, nodes: Any) -> tup
         )
     _check_mass(M, positions, dof)
     _check_rigid_motions(K, positions, dof)
+    _check_first_moments(M, positions, dof)
     _check_waves(M, K, positions, dof)
     return M, K, positions, dof
 
@@ -75,6 +78,8 @@ def _symmetric(what: str, given: Any) -> Any:
     matrix = scipy.sparse.csc_array(given, dtype=float)
     if not np.all(np.isfinite(matrix.data)):
         raise UserError(f"{what} contains numbers that are not finite")
+    if np.abs(matrix.data).max(initial=0.0) > LARGEST:
+        raise UserError(f"{what} contains {np.abs(matrix.data).max():.3g}; allowed: numbers up to {LARGEST:g}")
     size, difference = np.abs(matrix).max(), np.abs(matrix - matrix.T)
     if size == 0.0:
         raise UserError(f"{what} is zero")
@@ -98,11 +103,24 @@ def _check_mass(M: Any, positions: Array, dof: int) -> None:
     T = rigid_motions(positions, dof)[0]
     masses = T.T @ (M @ T)
     mean = np.trace(masses) / 3.0
-    if mean <= 0.0 or np.abs(masses - mean * np.eye(3)).max() > 1e-4 * mean:
+    if not mean > 0.0 or not np.abs(masses - mean * np.eye(3)).max() <= MASS_ERROR * mean:
         raise UserError(
             f"the mass matrix gives the masses {masses[0, 0]:.6g}, {masses[1, 1]:.6g} and {masses[2, 2]:.6g} kg along "
             "x, y and z; allowed: one mass. Check the order of degrees of freedom: all of the first node, then all of "
             "the second; and that no supports are applied"
+        )
+
+
+def _check_first_moments(M: Any, positions: Array, dof: int) -> None:
+    """Refuse entries that are missing or wrong: T^T M R is the cross product with the first moment, antisymmetric."""
+    T, R = rigid_motions(positions - positions.mean(axis=0), dof)
+    moments, terms = T.T @ (M @ R), np.abs(T).T @ (np.abs(M) @ np.abs(R))
+    excess = float(np.abs(moments + moments.T).max())
+    if not excess <= MASS_ERROR * terms.max():
+        raise UserError(
+            f"the mass matrix gives first moments that differ by {excess / terms.max():.2g} between the axes; allowed: "
+            "a mass matrix of nodes at these positions. Check that all its entries are given, and the order of the "
+            "nodes"
         )
 
 

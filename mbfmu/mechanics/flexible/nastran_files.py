@@ -18,7 +18,7 @@ import numpy as np
 
 from mbfmu.util.errors import UserError
 
-from .text_lines import MAX_DIRECTIONS, Entry, Place, text_lines, wrong_line
+from .text_lines import MAX_DIRECTIONS, Entry, Place, integer_of, real_of, text_lines, wrong_line
 
 NAME_WIDTH, SMALL_WIDTH, LARGE_WIDTH = 8, 8, 16  # characters
 SMALL_COUNT, LARGE_COUNT = 8, 4  # fields in a line
@@ -150,7 +150,7 @@ def _column(path: str | Path, card: Card) -> Iterator[Entry]:
 
 def _place(path: str | Path, field: Field, direction: str) -> Place:
     node = _integer(path, field, "number of a node")
-    if not direction.isdecimal() or not 1 <= int(direction) <= MAX_DIRECTIONS:
+    if (integer_of(direction) or 0) not in range(1, MAX_DIRECTIONS + 1):
         raise wrong_line(
             path,
             field.line,
@@ -162,9 +162,10 @@ def _place(path: str | Path, field: Field, direction: str) -> Place:
 
 
 def _integer(path: str | Path, field: Field, allowed: str) -> int:
-    if not field.text.isdecimal():
+    found = integer_of(field.text)
+    if found is None or found < 0:
         raise wrong_line(path, field.line, field.whole, allowed)
-    return int(field.text)
+    return found
 
 
 def _real(path: str | Path, card: Card, k: int) -> float:
@@ -177,10 +178,7 @@ def _real(path: str | Path, card: Card, k: int) -> float:
 
 def _number(text: str) -> float:
     """Return a number as Nastran writes it (1.5D+3, 1.5+3); nan: it is none."""
-    try:
-        return float(EXPONENT_WITHOUT_LETTER.sub(r"E\1", text.upper().replace("D", "E")))
-    except ValueError:
-        return float("nan")
+    return real_of(EXPONENT_WITHOUT_LETTER.sub(r"E\1", text.upper().replace("D", "E")))
 
 
 def _cards(path: str | Path, name: str) -> Iterator[Card]:

@@ -16,6 +16,7 @@ from .invariants import Invariants
 Array = NDArray[np.float64]
 
 FORMAT, VERSION = "mbfmu flexible body", 1
+TEXTS = ("names", "frame")
 OPTIONAL_ARRAYS = {"triangles": np.int64, "stress_shapes": np.float64}  # of bodies of meshes
 
 
@@ -41,11 +42,15 @@ def read_body(path: Path) -> dict[str, Any]:
         ) from error
     if str(found.get("format")) != FORMAT:
         raise UserError(f"file {str(path)!r} contains no flexible body; allowed: a file of FlexibleBody.save")
-    if found["version"] != VERSION:
+    version = str(found.get("version", "(none)"))
+    if version != str(VERSION):
         raise UserError(
-            f"file {str(path)!r} has the version {found['version']}; allowed: {VERSION}. Reduce the body again "
-            "and save it with this version of mbfmu"
+            f"file {str(path)!r} has the version {version}; allowed: {VERSION}. Reduce the body again and save it with "
+            "this version of mbfmu"
         )
+    missing = [name for name in TEXTS if name not in found]
+    if missing:
+        raise UserError(f"file {str(path)!r} has no {missing[0]}; allowed: an undamaged file of FlexibleBody.save")
     for name, shape in _shapes(found).items():
         own = found.get(name)
         if own is None and name in OPTIONAL_ARRAYS:

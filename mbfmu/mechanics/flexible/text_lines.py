@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -43,3 +44,13 @@ def text_lines(path: str | Path) -> Iterator[tuple[int, str]]:
 def wrong_line(path: str | Path, number: int, text: str, allowed: str) -> UserError:
     """Return the error of a line."""
     return UserError(f"line {number} of {str(path)!r} is {text.strip()[:60]!r}; allowed: {allowed}")
+
+
+def integer_of(text: str) -> int | None:
+    """Return a whole number; None: the text is none. Python also accepts ``1_0`` and digits of other scripts."""
+    return int(text) if re.fullmatch(r"[+-]?[0-9]{1,18}", text) else None
+
+
+def real_of(text: str) -> float:
+    """Return a number such as 1.5E+3; nan: the text is none."""
+    return float(text) if re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text) else float("nan")
