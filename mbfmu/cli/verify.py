@@ -164,6 +164,7 @@ def command_claims(options: argparse.Namespace) -> int:
 def command_engines(options: argparse.Namespace) -> int:
     """Compare random mechanisms, and motions of every tenth of them, with other engines."""
     from mbfmu.verification.engines.compare import ENGINES, as_dict, as_text, compare_engines, installed_engines
+    from mbfmu.verification.engines.loops import compare_random_loops
     from mbfmu.verification.engines.motions import compare_motions
     from mbfmu.verification.report import as_text as lines_as_text
     from mbfmu.verification.suite import has_wrong
@@ -177,6 +178,9 @@ def command_engines(options: argparse.Namespace) -> int:
     is_text = str(options.json) != "-"
     with bar(options.engines * len(names), "dynamics", options.quiet) as shown:
         found = compare_engines(options.engines, lambda _: shown.update())
+    if "pinocchio" in names:
+        with bar(options.engines, "loops", options.quiet) as shown:
+            found.append(compare_random_loops(options.engines, lambda _: shown.update()))
     if is_text:
         print_unless_quiet(options, as_text(found))
     seeds, lines = range(0, options.engines, SEEDS_PER_MOTION), []

@@ -9,7 +9,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.cli import main
-from mbfmu.verification.engines import motions, with_mbfmu
+from mbfmu.verification.engines import loops, motions, with_mbfmu
 from mbfmu.verification.engines.compare import compare_engines, installed_engines
 from mbfmu.verification.engines.random_trees import POSITIONS, Dynamics, random_tree, start_of
 
@@ -40,6 +40,16 @@ def test_a_small_difference_is_found(
     monkeypatch.setattr(motions, "compare_motions", lambda *_: [])
     assert main(["verify", "--engines", "3"]) == 1
     assert "WRONG" in capsys.readouterr().out
+
+
+@pytest.mark.skipif("pinocchio" not in installed_engines(), reason="Pinocchio is not installed")
+def test_random_loops_have_the_accelerations_of_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = loops.compare_random_loops(COUNT)
+    assert found.count > 5
+    assert found.is_right, found
+    build = with_mbfmu.build
+    monkeypatch.setattr(with_mbfmu, "build", lambda links, gravity: build(links, gravity * (1.0 + 1e-6)))
+    assert not loops.compare_random_loops(COUNT).is_right
 
 
 @pytest.mark.parametrize("package", installed_engines())

@@ -30,16 +30,17 @@ class Difference:
     count
         Number of mechanisms.
     mass_matrix
-        Largest difference of an entry, relative to the largest entry.
+        Largest difference of an entry, relative to the largest entry; None: it is not compared.
     acceleration
         Largest difference of an acceleration, relative to the largest one.
     worst
-        Largest difference by the allowed one: rounding errors times the condition number of the mass matrix.
+        Largest difference by the allowed one: rounding errors times the condition number of the mass matrix, and of the
+        constraints.
     """
 
     engine: str
     count: int
-    mass_matrix: float
+    mass_matrix: float | None
     acceleration: float
     worst: float
 
@@ -89,7 +90,7 @@ def as_text(found: Sequence[Difference]) -> str:
         (
             d.engine,
             str(d.count),
-            f"{d.mass_matrix:.1e}",
+            "-" if d.mass_matrix is None else f"{d.mass_matrix:.1e}",
             f"{d.acceleration:.1e}",
             "right" if d.is_right else f"WRONG: {d.worst:.2g} times the allowed difference",
         )
