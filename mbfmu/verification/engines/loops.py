@@ -75,7 +75,7 @@ def compare_loops(seed: int) -> LoopAccelerations | None:
     position, rate = start_of(links)
     q, v = tree.state(position, rate)
     frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    models, datas = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+    models, states = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
     for loop in loops:
         model = pin.RigidConstraintModel(
             pin.ContactType.CONTACT_3D,
@@ -87,16 +87,16 @@ def compare_loops(seed: int) -> LoopAccelerations | None:
             frame,
         )
         models.append(model)
-        datas.append(model.createData())
+        states.append(model.createData())
     pin.computeJointJacobians(tree.model, tree.data, q)
     J = np.vstack([jacobian(tree, loop.a, loop.at_a) - jacobian(tree, loop.b, loop.at_b) for loop in loops])
     sizes = np.linalg.svd(J, compute_uv=False)
     if sizes[0] > MAX_CONDITION * sizes[-1]:
         return None
     v = v - np.linalg.pinv(J) @ (J @ v)
-    pin.initConstraintDynamics(tree.model, tree.data, models, datas)
+    pin.initConstraintDynamics(tree.model, tree.data, models, states)
     settings = pin.ProximalSettings(*PROXIMAL)
-    theirs = pin.constraintDynamics(tree.model, tree.data, q, v, np.zeros(tree.model.nv), models, datas, settings)
+    theirs = pin.constraintDynamics(tree.model, tree.data, q, v, np.zeros(tree.model.nv), models, states, settings)
     m = with_mbfmu.build(links, gravity)
     for k, loop in enumerate(loops):
         joint = SphericalCutJoint(at_a=tuple(loop.at_a), at_b=tuple(loop.at_b))
