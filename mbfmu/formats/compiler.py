@@ -25,7 +25,7 @@ from .urdf_checks import check_urdf
 from .xml_files import MAX_BODIES, read_xml
 
 MIN_MUJOCO = (4, 0)  # earlier versions ignore <mimic> of URDF without a warning
-LARGEST_ANGLE = 1e9  # rad; its rounding error is 1e-7 rad
+MAX_REFERENCE_ANGLE = 1e9  # rad; its rounding error is 1e-7 rad
 KINDS = {"body": "BODY", "jnt": "JOINT", "dof": "JOINT", "eq": "EQUALITY", "site": "SITE", "actuator": "ACTUATOR"}
 FINITE_ARRAYS = (
     "body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "jnt_pos", "jnt_axis", "jnt_range",
@@ -153,10 +153,10 @@ def _check_finite(path: Path, mujoco: Any, model: Any) -> None:
     if not np.all(np.isfinite(model.qpos0)) or not np.all(np.isfinite(model.qpos_spring)):
         raise UserError(f"{str(path)!r}: ref or springref of a joint is not finite; correct the file")
     hinges = model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)]
-    if np.abs(model.qpos0[hinges]).max(initial=0.0) > LARGEST_ANGLE:
+    if np.abs(model.qpos0[hinges]).max(initial=0.0) > MAX_REFERENCE_ANGLE:
         raise UserError(
             f"{str(path)!r}: ref of a joint is {np.abs(model.qpos0[hinges]).max():.3g} rad; allowed: angles up to "
-            f"{LARGEST_ANGLE:g} rad, since the rounding error of larger ones is an angle, too. Correct the file"
+            f"{MAX_REFERENCE_ANGLE:g} rad, since the rounding error of larger ones is an angle, too. Correct the file"
         )
     if model.nbody == 1 or model.nv == 0:
         raise UserError(f"{str(path)!r} has no joint that moves a body; allowed: one or more")

@@ -22,7 +22,7 @@ RESISTANCE = 1e-5  # of rigid-body motions, relative to that of single nodes; fr
 FASTEST_WAVES = 4e4  # m/s; sound in diamond has 1.8e4 m/s, and no material has more than 3.6e4 m/s
 WAVE_FACTOR = 10.0  # by which the estimate of the speed may be too large
 MASS_ERROR = 1e-4  # of the mass along an axis, and of first moments
-LARGEST = 1e150  # whose square is a number
+MAX_MATRIX_ENTRY = 1e150  # whose square is a number
 LENGTH_UNITS = {"mm": 1e-3, "in": 0.0254, "km": 1e3, "cm": 1e-2}
 
 
@@ -78,8 +78,8 @@ def _symmetric(what: str, given: Any) -> Any:
     matrix = scipy.sparse.csc_array(given, dtype=float)
     if not np.all(np.isfinite(matrix.data)):
         raise UserError(f"{what} contains numbers that are not finite")
-    if np.abs(matrix.data).max(initial=0.0) > LARGEST:
-        raise UserError(f"{what} contains {np.abs(matrix.data).max():.3g}; allowed: numbers up to {LARGEST:g}")
+    if np.abs(matrix.data).max(initial=0.0) > MAX_MATRIX_ENTRY:
+        raise UserError(f"{what} contains {np.abs(matrix.data).max():.3g}; allowed: numbers up to {MAX_MATRIX_ENTRY:g}")
     size, difference = np.abs(matrix).max(), np.abs(matrix - matrix.T)
     if size == 0.0:
         raise UserError(f"{what} is zero")

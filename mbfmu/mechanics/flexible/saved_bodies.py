@@ -16,7 +16,7 @@ from .invariants import Invariants
 Array = NDArray[np.float64]
 
 FORMAT, VERSION = "mbfmu flexible body", 1
-TEXTS = ("names", "frame")
+REQUIRED_TEXTS = ("names", "frame")
 OPTIONAL_ARRAYS = {"triangles": np.int64, "stress_shapes": np.float64}  # of bodies of meshes
 
 
@@ -48,7 +48,7 @@ def read_body(path: Path) -> dict[str, Any]:
             f"file {str(path)!r} has the version {version}; allowed: {VERSION}. Reduce the body again and save it with "
             "this version of mbfmu"
         )
-    missing = [name for name in TEXTS if name not in found]
+    missing = [name for name in REQUIRED_TEXTS if name not in found]
     if missing:
         raise UserError(f"file {str(path)!r} has no {missing[0]}; allowed: an undamaged file of FlexibleBody.save")
     for name, shape in _shapes(found).items():
