@@ -117,7 +117,8 @@ def _write_description(options: argparse.Namespace, model: Model, name: str) -> 
     """Write an MJCF or URDF file; raises UserError if options are given that only FMUs have."""
     from mbfmu.formats import write_mjcf, write_urdf
 
-    given = [name for name in RUN_OPTIONS if getattr(options, name) is not None]
+    settings = {name: getattr(options, name) for name in RUN_OPTIONS}
+    given = [f"no_{name}" if value is False else name for name, value in settings.items() if value is not None]
     given += [name for name in FMU_FLAGS if getattr(options, name)]
     given += ["fmi"] if options.fmi != DEFAULT_FMI else []
     if given:
