@@ -121,7 +121,7 @@ def no_step_limit(t: float) -> tuple[float, float]:
 class AnySystem(ABC):
     """Interface of a mechanism for solvers, independent of its size.
 
-    The callables are compiled callbacks (see :mod:`solvers.compiled.kernel`); ``data`` is whatever named tuple of
+    The callables are kernels or callbacks (see :mod:`solvers.compiled.kernel`); ``data`` is whatever named tuple of
     arrays, or array, they need and is passed through untouched. They get pointers to pinned tuples (see
     :mod:`solvers.compiled.tuple_pointer`).
     """

@@ -24,7 +24,7 @@ from mbfmu.session.run import Result, communication_points, run
 from mbfmu.util.diagnostics import INACCURATE_CODES, Diagnostic, render
 from mbfmu.util.files import write_text
 from mbfmu.viewer import Recorder
-from solvers.compiled.cache import CompilationNeeded, forbid_compilation
+from solvers.compiled.cache import CompilationNeeded, forbid_compilation, is_notified
 
 from .common import (
     Commands,
@@ -95,7 +95,7 @@ The name of the folder ends in -failed if the run ended early, and in -inaccurat
 exit code is 1 in both cases, 2 for an invalid argument, and 130 for an interrupted run. The last two write no files.
 
 An FMU does not provide the positions of bodies. They are computed by a direct repeat of the run. It is omitted if the
-FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need compilation that the FMU did not.
+FMU took more than {MAX_REPEATED_RUN_TIME:g} s, or if the repeat would need compilation and the FMU did not.
 
 If a function or an expression of time replaces an input, the run is direct (--direct): short pulses are not missed.""",
         epilog=RUN_EXAMPLES,
@@ -137,7 +137,7 @@ def command_run(options: argparse.Namespace) -> int:
         result, method = run_scene(scene, options, recorder, warn)
         total = time.perf_counter() - begin
         if method is not RunMethod.DIRECT and result.wall_time < MAX_REPEATED_RUN_TIME:
-            recorder = repeat_directly(scene, result, compiles=method is not RunMethod.NATIVE)
+            recorder = repeat_directly(scene, result, compiles=method is not RunMethod.NATIVE or is_notified())
         write(place, scene, result, recorder, options.plot)
         print_unless_quiet(options, summary(scene, result, method, total))
         print_if_verbose(options, statistics(result))

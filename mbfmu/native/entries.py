@@ -8,7 +8,6 @@ them on by their addresses.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import as_kernel, jit_uncached, records, types
+from solvers.compiled.kernel import jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, WORK, EnergyScales
 from solvers.loop_closure import ASSEMBLED, ClosureScratch
@@ -266,10 +265,9 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
 def example(name: str) -> Any:
     """Return an instance of the types that all of a family have, held."""
     family, z = FAMILIES[name], np.zeros
-    callbacks = {own: _named(function) for own, function in family.callbacks.items()}
     positions = Positions(z(1, np.int64), z(1, np.int64), z((1, 2), np.int64), z(1, np.int64))
     data = pin(empty_data())
-    eqs = family.equations(callbacks, data, family.structure.empty(), 1, 1, 1)
+    eqs = family.equations(family.callbacks, data, family.structure.empty(), 1, 1, 1)
     work = family.work(1, 1, 1, positions)
     own = family.memory(1, 1, 1), work, EnergyScales.of(1e-6, z(1), z(1))
     state = z(1), z(1), z(ACCOUNT_SIZE)
@@ -285,9 +283,6 @@ def example(name: str) -> Any:
     event_parts = EventSearch.allocate(*places), empty_memory(), StepBegin.allocate(), no_sampled_memory()
     first = *run, given, shared_eqs, shared, start, *settings
     return pin(Instance(*first, frames, z(1), positions, *more, *event_parts))
-
-
-_named = cache(as_kernel)  # what two families call is compiled once
 
 
 def solver_actions(name: str) -> SolverActions:

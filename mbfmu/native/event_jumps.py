@@ -5,16 +5,15 @@ of motion with p in place of the forces. Without matrices, M^-1 p is found by th
 
 A joint is locked by the signal that it follows then, as a driven joint, and keeps its places among the free
 coordinates, where its velocity and its acceleration are zero. In the matrices its rows and columns are decoupled, see
-:func:`decouple_locked_joints`; the recursions treat it as driven.
+:func:`.recursions.dynamics.decouple_locked_joints`; the recursions treat it as driven.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.session.impulses import DEPENDENT_ROW_RATIO
-from solvers.compiled.kernel import as_kernel, jit_uncached, kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.linalg.dense import rank_at
 from solvers.outcome import OK
 from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regular_acceleration
@@ -22,10 +21,6 @@ from solvers.projection.workspace import evaluate_and_factor
 
 from .event_actions import fill_approach_rates, fill_slopes, solve_impacts, stop_by_event
 from .event_memory import BOUNCE, MASSLESS, NO_FAILURE, NOT_LOCKED, PRESCRIBED, SINGULAR
-
-if TYPE_CHECKING:
-    from mbfmu.mechanics.records import Arrays
-    from solvers.system import Terms
 
 
 class Jumps(NamedTuple):
@@ -100,37 +95,6 @@ def respond_tree(instance: Any, impulse: Any, response: Any) -> int:
     for k in range(locks.shape[0]):
         bodies[locks[k].body].vf = locks[k].velocity
     return NO_FAILURE
-
-
-@kernel
-def decouple_locked_joints(arrays: Arrays, terms: Terms) -> None:
-    """Let the accelerations of locked joints, which follow signals and have free coordinates, be zero."""
-    if arrays.world[0].drives == 0:
-        return
-    for i in range(1, arrays.bodies.shape[0]):
-        body = arrays.bodies[i]
-        if body.drive < 0 or body.vf < 0:
-            continue
-        k = body.vf
-        for j in range(terms.M.shape[0]):
-            if j != k:
-                terms.M[k, j], terms.M[j, k] = 0.0, 0.0
-        terms.h[k] = 0.0
-
-
-evaluate_dynamics, evaluate_motion = as_kernel(recursions.dynamics), as_kernel(recursions.motion)
-
-
-def lockable_dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
-    """As ``dynamics``, with locked joints."""
-    evaluate_dynamics(t, q, v, data, terms)
-    decouple_locked_joints(data.arrays, terms)
-
-
-def lockable_motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
-    """As ``motion``, with locked joints."""
-    evaluate_motion(t, q, v, data, terms)
-    decouple_locked_joints(data.arrays, terms)
 
 
 @kernel

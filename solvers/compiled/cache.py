@@ -197,6 +197,11 @@ def notify_listeners() -> None:
         _listeners.pop()()
 
 
+def is_notified() -> bool:
+    """Whether an enclosing block of :func:`when_compiling` has been notified: something has been compiled in it."""
+    return bool(_blocks) and not _listeners
+
+
 class Locator(_CacheLocator):
     """The folder of one module, whose functions are identified by their lines."""
 
@@ -262,7 +267,6 @@ class Cache(FunctionCache):
         return self._stored(signature, context)
 
     def _stored(self, signature: Any, context: Any) -> Any:
-        _initialize(context)
         try:
             found = self._load_overload(signature, context)
             if found is not None and tuple(found.signature.args) == tuple(sigutils.normalize_signature(signature)[0]):
@@ -284,12 +288,6 @@ class Cache(FunctionCache):
         """Return the hash of all that the code depends on, with the function."""
         given, machine, contents = super()._index_key(sigutils.normalize_signature(signature)[0], codegen)
         return hash_of(given, machine, contents, self._impl.filename_base, self._impl.locator.get_source_stamp())
-
-
-@cache
-def _initialize(context: Any) -> None:
-    """Load the types of numba, as numba does before it loads any function."""
-    context.refresh()
 
 
 class UncachedFunction(NullCache):

@@ -1,8 +1,10 @@
 """How kernels, callbacks and record arrays are made.
 
 A *kernel* is a closed compiled function: scalar loops, no allocation, no exceptions, no Python objects,
-out-parameters last. A *callback* is a kernel with a fixed signature that a solver receives as an argument;
-numba types it by signature only, so the solver compiles once, is cached, and serves every system.
+out-parameters last. A solver receives the functions of a system as kernels or as callbacks. It is compiled for the
+kernels of mechanisms once, whether Python or a native FMU runs it. A *callback* is a kernel with a fixed signature that
+is called by its address. Numba types it by signature only, so that a solver that is compiled once serves the callbacks
+of any user.
 
 With ``NUMBA_DISABLE_JIT=1`` everything here is plain Python, for coverage and debugging.
 """
@@ -21,7 +23,7 @@ from numba import types as types  # noqa: PLC0414  # of signatures of callbacks
 from numba.core import sigutils
 from numpy.typing import NDArray
 
-from .symbols import Callback, Inlined, Kernel
+from .symbols import Callback, Inlined, Kernel, SystemKernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -53,6 +55,11 @@ def kernel(function: F) -> F:
 def concurrent_kernel(function: F) -> F:
     """Compile a kernel during whose calls from Python other threads of Python run."""
     return _dispatcher(Kernel, function, nogil=True) if COMPILED else function
+
+
+def system_kernel(function: F) -> F:
+    """Compile a kernel that solvers receive as a function of a system, see :class:`.symbols.SystemKernel`."""
+    return _dispatcher(SystemKernel, function) if COMPILED else function
 
 
 def inlined(function: F) -> F:
@@ -99,11 +106,6 @@ def bounds_checked(function: Any) -> Any:
         return function
     options = {"nopython": True, "no_cfunc_wrapper": True, **_OPTIONS, "boundscheck": True}
     return Kernel(getattr(function, "py_func", function), targetoptions=options)
-
-
-def as_kernel(function: Any) -> Any:
-    """Return a function as a kernel that other kernels call by its symbol."""
-    return function if is_kernel(function) or not COMPILED else jit_uncached(function)
 
 
 def is_kernel(function: Any) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import importlib
+import sys
 import zlib
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,11 @@ class CallbackCache(Cache):
     _impl_class: Any = CallbackEntry
 
 
+def kernel_by_name(module: str, name: str) -> Any:
+    """Return the kernel that a module has by this name."""
+    return getattr(importlib.import_module(module), name)
+
+
 _Dispatcher: Any = CPUDispatcher  # a part of numba without types
 
 
@@ -106,6 +112,13 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
     def __init__(self, function: Any, *options: Any, **named: Any) -> None:
         super().__init__(function, *options, **named)
         self._entries: dict[Any, Any] = {}  # what Python calls, by types of arguments; numba does not keep it alive
+
+    def __reduce__(self) -> Any:
+        """Pickle it by its name; numba writes the byte code of the function, and of all that it calls."""
+        module, name = self.py_func.__module__, self.py_func.__qualname__
+        if getattr(sys.modules.get(module), name, None) is self:
+            return kernel_by_name, (module, name)
+        return super().__reduce__()
 
     def enable_caching(self) -> None:
         """Store machine code on disk."""
@@ -154,6 +167,8 @@ class Inlined(_Dispatcher):  # type: ignore[misc]
 class Kernel(Inlined):
     """A function that is compiled once for a signature."""
 
+    _is_copied_if_short = True  # into its callers
+
     def __init__(self, function: Any, *options: Any, **named: Any) -> None:
         super().__init__(function, *options, **named)
         _kernels.setdefault(self._key, self)
@@ -181,11 +196,21 @@ class Kernel(Inlined):
         code = code_of(compiled)
         binding.add_symbol(name, code.get_pointer_to_function(compiled.fndesc.llvm_func_name))
         _symbols[name] = self._key, arguments
-        if code.length > MAX_INLINED_LENGTH:
+        if code.length > MAX_INLINED_LENGTH or not self._is_copied_if_short:
             called = copy.copy(compiled.fndesc)
             called.mangled_name = name
             self.targetctx.remove_user_function(compiled.entry_point)
             self.targetctx.insert_user_function(compiled.entry_point, called, [])
+
+
+class SystemKernel(Kernel):
+    """A kernel that solvers receive as a function of a system, and that they always call by its symbol.
+
+    Files of machine code of a solver depend on the names of these kernels, but not on their sources, which the modules
+    of the solver do not import. Thus they must not contain copies of them.
+    """
+
+    _is_copied_if_short = False
 
 
 class Callback(CFunc):

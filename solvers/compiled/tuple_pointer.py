@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 from numba import typeof, types
 from numba.core import cgutils
-from numba.core.registry import cpu_target
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
     infer_getattr,
-    intrinsic,
     lower_getattr_generic,
     models,
     register_model,
@@ -27,8 +25,8 @@ from numba.extending import (
 )
 
 from .code_files import name_of_type
-from .kernel import COMPILED, kernel
-from .symbols import Callback
+from .kernel import COMPILED
+from .symbols import Callback, Inlined
 
 
 class TuplePointerType(types.Type):
@@ -41,6 +39,10 @@ class TuplePointerType(types.Type):
             description = description.replace(str(own), name_of_type(own))
         super().__init__(name=f"Held_{sha256(description.encode()).hexdigest()[:16]}")  # it is part of every symbol
 
+    def __reduce__(self) -> Any:
+        """Pickle it by its name: a description of all its fields is longer than the code of most kernels."""
+        return pointer_type_by_name, (self.name,)
+
 
 register_model(TuplePointerType)(models.OpaqueModel)
 
@@ -52,14 +54,40 @@ class TuplePointer:
         value = type(value)._make(pin(field) for field in value)
         self._numba_type_ = pointer_type(value)
         self.value = value  # keeps the arrays alive
-        self._place = np.zeros(tuple_size(self._numba_type_), np.uint8)
-        self.address = self._place.ctypes.data
-        tuple_store(self._numba_type_)(value, self.address)
+        self._words = np.array([word for field in value for word in words_of(field)], np.int64)
+        self.address = self._words.ctypes.data
+
+
+def words_of(field: Any) -> tuple[int, ...]:
+    """Return a field of a named tuple as kernels have it, in words of 64 bits; TypeError for fields of other types.
+
+    A compiled function that writes a tuple would have to be compiled or loaded for every type of tuple.
+    """
+    if isinstance(field, np.ndarray):  # counts of references, which kernels have not, then the array
+        return 0, 0, field.size, field.itemsize, field.ctypes.data, *field.shape, *field.strides
+    if isinstance(field, TuplePointer):
+        return (field.address,)
+    if isinstance(field, Callback):  # addresses of the function for C, of the object, and of that for kernels
+        code: Any = field.address
+        return code, id(field), 0
+    if field is None or isinstance(field, Inlined):  # kernels have only its type
+        return (0,)
+    if isinstance(field, float):
+        return (int(np.float64(field).view(np.int64)),)
+    if isinstance(field, int | np.int64) and not isinstance(field, bool):
+        return (int(field),)
+    raise TypeError(f"field of a named tuple for kernels is {field!r}; allowed: arrays, tuples, kernels, numbers, None")
 
 
 _array_types: dict[tuple[Any, ...], Any] = {}
 # each keeps the types of its fields, so their identities stay
 _tuple_types: dict[tuple[Any, ...], TuplePointerType] = {}
+_types_by_name: dict[str, TuplePointerType] = {}
+
+
+def pointer_type_by_name(name: str) -> TuplePointerType:
+    """Return the type of this name; KeyError if there is none in this process, which then has no such arguments."""
+    return _types_by_name[name]
 
 
 def pointer_type(example: Any) -> Any:
@@ -80,7 +108,8 @@ def pointer_type(example: Any) -> Any:
     fields = [pointer_type(field) for field in example]
     same = (type(example), *map(id, fields))
     if same not in _tuple_types:
-        _tuple_types[same] = TuplePointerType(types.BaseTuple.from_types(fields, type(example)))  # type: ignore[no-untyped-call]
+        made = TuplePointerType(types.BaseTuple.from_types(fields, type(example)))  # type: ignore[no-untyped-call]
+        _tuple_types[same] = _types_by_name[made.name] = made
     return _tuple_types[same]
 
 
@@ -124,37 +153,3 @@ def _unbox(_: Any, pointer: Any, context: Any) -> Any:
     address = context.pyapi.long_as_voidptr(number)
     context.pyapi.decref(number)
     return NativeValue(address)  # type: ignore[no-untyped-call]
-
-
-def _put(_: Any, value: Any, address: Any) -> Any:
-    def generate(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
-        place = builder.inttoptr(arguments[1], context.get_value_type(value).as_pointer())
-        builder.store(arguments[0], place)
-        return context.get_dummy_value()
-
-    return types.void(value, types.int64), generate
-
-
-_store: Any = intrinsic(_put)
-
-
-@cache
-def tuple_size(pointer: Any) -> int:
-    """Bytes of a tuple as kernels have it, from its type."""
-    context: Any = cpu_target.target_context
-    return int(context.get_abi_sizeof(context.get_value_type(pointer.content)))
-
-
-@cache
-def tuple_store(pointer: Any) -> Any:
-    """Return :func:`store_tuple` for a type: a call that finds the types of all fields takes ten times as long."""
-    arguments = pointer.content, types.int64
-    store: Any = store_tuple
-    store.compile(arguments)
-    return store.callable_for(arguments)
-
-
-@kernel
-def store_tuple(value: Any, address: int) -> None:
-    """Write a tuple as kernels have it to an address."""
-    _store(value, address)

@@ -26,7 +26,14 @@ from mbfmu.native.runtime import COMPILERS, library
 from mbfmu.native.targets import host
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
-from solvers.compiled.cache import CompilationNeeded, cache_root, forbid_compilation, notify_listeners, when_compiling
+from solvers.compiled.cache import (
+    CompilationNeeded,
+    cache_root,
+    forbid_compilation,
+    is_notified,
+    notify_listeners,
+    when_compiling,
+)
 
 EXPORT, RUNTIME = sys.modules[export_scene.__module__], sys.modules[library.__module__]
 
@@ -206,9 +213,12 @@ def test_compilation_is_reported_after_work_was_given_up():
             with pytest.raises(CompilationNeeded), forbid_compilation():
                 notify_listeners()
         assert not told
+        assert not is_notified()
         notify_listeners()
         notify_listeners()
+        assert is_notified()
     assert told == ["compiling"]
+    assert not is_notified()
 
 
 def test_interpreted_kernels_make_the_bytes_of_compiled_ones(runtime: Path, tmp_path: Path):

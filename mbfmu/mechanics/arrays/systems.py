@@ -14,16 +14,7 @@ from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_constraints
 from mbfmu.mechanics.records import Data
-from mbfmu.mechanics.recursions.callbacks import (
-    callbacks,
-    complex_step_callbacks,
-    inertia_callback,
-    mesh_callback,
-    outputs_callback,
-    step_limit_callback,
-    tree_callbacks,
-    work_callbacks,
-)
+from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe_all
 from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, find_groups
 from mbfmu.util.errors import UserError
@@ -135,19 +126,16 @@ class Systems:
 
     def dense(self, constraint_names: list[str], data: Data, scalar: type = float) -> System:
         """Return the system by its matrices."""
-        dynamics, position, motion, retract, energy = callbacks(scalar)
-        power, evaluate_energy_bound = work_callbacks(tree=False) if scalar is float else (None, None)
+        is_real = scalar is float
         return System(
             **self._common(constraint_names, data),
-            dynamics=dynamics,
-            position=position,
-            motion=motion,
-            retract=retract,
-            energy=energy,
+            dynamics=recursions.dynamics,
+            motion=recursions.motion,
+            energy=recursions.energy,
             loop_rate=self._loop_rate(),
-            power=power,
-            evaluate_energy_bound=evaluate_energy_bound,
-            evaluate_outputs=outputs_callback() if scalar is float else None,
+            power=recursions.power if is_real else None,
+            evaluate_energy_bound=recursions.evaluate_energy_bound if is_real else None,
+            evaluate_outputs=recursions.evaluate_outputs if is_real else None,
             recursions=self._recursions if self._has_recursions(constraint_names) else None,
         )
 
@@ -161,7 +149,7 @@ class Systems:
         """Return the recursions of a tree without a structured tangent, for explicit solvers."""
         return TreeSystem(
             **self._common([], self._elements.data),
-            **self._tree_callbacks(),
+            **_tree_equations(),
             make_tangent=MissingTangent,
             mesh_mask=np.zeros(self._numbering.nv, bool),
         )
@@ -171,28 +159,17 @@ class Systems:
         data, groups = self._elements.data, self._groups()
         return TreeSystem(
             **self._common(constraint_names, data),
-            **self._tree_callbacks(),
+            **_tree_equations(),
             make_tangent=lambda: self.tangent(groups),
             dense=lambda: self.dense(constraint_names, data),
             complex_step=self._complex_step,
             mesh_mask=self._find_mesh_mask(),
-            mesh_motion=mesh_callback(),
+            mesh_motion=recursions.mesh_motion,
             mesh_length=self._mesh_length(),
             friction_velocity=self._slip(),
             moves=self._moves,
             stress_extrapolation=ExtrapolatedStress(self._mechanism, self._elements, unpin(self._held)) or None,
         )
-
-    def _tree_callbacks(self) -> dict[str, Any]:
-        """Return the callbacks of the recursions along a tree."""
-        names = "inverse", "forward", "mobility", "position", "constraints", "retract"
-        power, evaluate_energy_bound = work_callbacks(tree=True)
-        return {
-            **dict(zip(names, tree_callbacks(), strict=True)),
-            "inertia_parts": inertia_callback(),
-            "power": power,
-            "evaluate_energy_bound": evaluate_energy_bound,
-        }
 
     def _positions(self) -> Positions:
         """Return where free positions and velocities are, by the joints."""
@@ -211,8 +188,8 @@ class Systems:
 
     def _complex_step(self) -> ComplexStepSystem:
         """Return the recursions on complex numbers with the arrays, which may change later."""
-        inverse, position, retract = complex_step_callbacks()
-        return ComplexStepSystem(inverse, position, retract, self._elements.complex_step_data())
+        equations = recursions.inverse, recursions.position, recursions.retract
+        return ComplexStepSystem(*equations, self._elements.complex_step_data())
 
     def _find_mesh_mask(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a mesh."""
@@ -263,6 +240,8 @@ class Systems:
             "n_states": len(self._numbering.states),
             "m": len(constraint_names),
             "data": data,
+            "position": recursions.position,
+            "retract": recursions.retract,
             "size": self._size,
             "row_size": self.row_size[kept >= 0] if constraint_names else np.zeros(0),
             "nonholonomic": np.flatnonzero(self._nonholonomic[kept >= 0]) if constraint_names else no_rows(),
@@ -276,7 +255,7 @@ class Systems:
             "works": self._works,
             "elimination": self._elimination(),
             "input_step_limit": self._resolves,
-            "longest_load_step": step_limit_callback(),
+            "longest_load_step": recursions.longest_load_step,
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
         }
@@ -348,6 +327,12 @@ class Systems:
         carrying = find_ancestors(self._mechanism, ends)
         carrying.update(end.index for coupling in self._mechanism.couplings for end in (coupling.a, coupling.b))
         return self._rate(carrying)
+
+
+def _tree_equations() -> dict[str, Any]:
+    """Return the recursions along a tree by their names in a system."""
+    names = "inverse", "forward", "mobility", "constraints", "inertia_parts", "evaluate_energy_bound"
+    return {"power": recursions.solved_power, **{name: getattr(recursions, name) for name in names}}
 
 
 def find_ancestors(mechanism: Mechanism, bodies: Iterable[int]) -> set[int]:

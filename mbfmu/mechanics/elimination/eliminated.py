@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbfmu.mechanics.records import Arrays, Data, State, empty_data
+from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.aba import initialize_articulated_inertia
-from mbfmu.mechanics.recursions.callbacks import step_limit_callback, tree_callbacks, work_callbacks
 from mbfmu.mechanics.recursions.constraints import evaluate_constraints
 from mbfmu.mechanics.recursions.dynamics import evaluate_position_rate, update_kinematics
 from mbfmu.mechanics.recursions.kinematics import scatter_coordinates, update_positions, update_velocities
-from solvers.compiled.kernel import COMPILED, callback, inlined, kernel, types
-from solvers.compiled.tuple_pointer import pin, pointer_type
+from solvers.compiled.kernel import inlined, kernel, system_kernel
+from solvers.compiled.tuple_pointer import pin
 from solvers.system import RESIDUAL, Array, EliminationEquations
 
 from .assembly import ACCELERATION, POSITION, VELOCITY
 from .records import EliminationArrays, EliminationMemory, example, lay_out
 from .recursion import eliminate, multipliers, recover
-
-if TYPE_CHECKING:
-    pass
 
 # Equations shorter than this multiple of the residual are not used: redundant ones are as long as the residual.
 REDUNDANT_LENGTH_PER_RESIDUAL, MAX_REDUNDANT_LENGTH = 30.0, 1e-3
@@ -57,6 +52,7 @@ def shortest_used(drop: float, residual: float) -> float:
     return max(drop, min(REDUNDANT_LENGTH_PER_RESIDUAL * residual, MAX_REDUNDANT_LENGTH))
 
 
+@system_kernel
 def accelerate(
     t: float, q: Any, v: Any, elimination: Any, drop: float, loaded: bool, qdot: Any, a: Any, lam: Any, report: Any
 ) -> int:
@@ -79,6 +75,7 @@ def accelerate(
     return 0
 
 
+@system_kernel
 def correct_position(t: float, q: Any, elimination: Any, drop: float, closed: float, dq: Any, report: Any) -> None:
     """dq (n,): the shortest change of the coordinates, in units of their sizes, that closes the linearized constraints.
 
@@ -97,6 +94,7 @@ def correct_position(t: float, q: Any, elimination: Any, drop: float, closed: fl
     recover(POSITION, arrays, state, own, memory, dq)
 
 
+@system_kernel
 def correct_velocity(t: float, q: Any, v: Any, elimination: Any, drop: float, dv: Any, report: Any) -> None:
     """dv (n,): the shortest change of velocities, in units of the sizes of the coordinates, with J (v + dv) = nu."""
     arrays, state, own, memory = elimination.arrays, elimination.state, elimination.own, elimination.memory
@@ -107,21 +105,6 @@ def correct_velocity(t: float, q: Any, v: Any, elimination: Any, drop: float, dv
     report[RESIDUAL] = find_largest_residual(own, state)
     eliminate(VELOCITY, shortest_used(drop, report[RESIDUAL]), arrays, state, own, memory, report)
     recover(VELOCITY, arrays, state, own, memory, dv)
-
-
-@cache
-def elimination_callbacks() -> tuple[Callable[..., Any], ...]:
-    """Return accelerate, correct_position and correct_velocity as a solver takes them; compiled on first use."""
-    if not COMPILED:
-        return accelerate, correct_position, correct_velocity
-    data, real, vector = pointer_type(empty_elimination()), types.float64, types.float64[::1]
-    return (
-        callback(types.int64(real, vector, vector, data, real, types.boolean, vector, vector, vector, vector))(
-            accelerate
-        ),
-        callback(types.void(real, vector, data, real, real, vector, vector))(correct_position),
-        callback(types.void(real, vector, vector, data, real, vector, vector))(correct_velocity),
-    )
 
 
 def empty_elimination() -> Any:
@@ -158,11 +141,21 @@ def eliminate_constraints(
     arrays: Arrays, state: State, size: Array, row_size: Array, length: float
 ) -> EliminationEquations:
     """Return the equations of a mechanism with its constraints eliminated, pinned; see :func:`.records.lay_out`."""
-    accelerations, positions, velocities = elimination_callbacks()
-    inverse, *_, retract = tree_callbacks()
-    power, bound = work_callbacks(tree=True)
     elimination = _pinned(arrays, state, *lay_out(arrays, size, row_size, length))
     mask = find_loop_mask(arrays, len(size))
-    callbacks = accelerations, positions, velocities, inverse, retract, power, bound, step_limit_callback()
-    equations: EliminationEquations = pin(EliminationEquations(*callbacks, pin(Data(arrays, state)), elimination, mask))
+    equations: EliminationEquations = pin(
+        EliminationEquations(
+            accelerate,
+            correct_position,
+            correct_velocity,
+            recursions.inverse,
+            recursions.retract,
+            recursions.solved_power,
+            recursions.evaluate_energy_bound,
+            recursions.longest_load_step,
+            pin(Data(arrays, state)),
+            elimination,
+            mask,
+        )
+    )
     return equations

@@ -1,6 +1,6 @@
 """The equations of motion as a solver calls them: the recursions in their order.
 
-Most functions here become callbacks of :class:`solvers.system.System`, see :mod:`.callbacks`.
+Most functions here are those of a :class:`solvers.system.System` or :class:`solvers.system.TreeSystem`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from mbfmu.mechanics.dispatch import longest_step, part_sensor_value, read_sensor, signal
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.spatial import quaternion_rate
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.kernel import inlined, kernel, system_kernel
 from solvers.system import Terms
 
 from . import active_loads
@@ -96,8 +96,26 @@ def evaluate_motion_terms(q: Reals, v: Reals, arrays: Arrays, state: State, term
     right_hand_side(arrays, state, terms.gamma)
     evaluate_position_rate(arrays, q, v, terms.qdot)
     solve_reaction_friction(arrays, state, terms)
+    decouple_locked_joints(arrays, terms)
 
 
+@kernel
+def decouple_locked_joints(arrays: Arrays, terms: Terms) -> None:
+    """Let the accelerations of locked joints be zero, which follow signals and have free coordinates (native FMUs)."""
+    if arrays.world[0].drives == 0:
+        return
+    for i in range(1, arrays.bodies.shape[0]):
+        body = arrays.bodies[i]
+        if body.drive < 0 or body.vf < 0:
+            continue
+        k = body.vf
+        for j in range(terms.M.shape[0]):
+            if j != k:
+                terms.M[k, j], terms.M[j, k] = 0.0, 0.0
+        terms.h[k] = 0.0
+
+
+@system_kernel
 def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     """Every term of the equations of motion."""
     arrays, state = data.arrays, data.state
@@ -106,6 +124,7 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     evaluate_motion_terms(q, v, arrays, state, terms)
 
 
+@system_kernel
 def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     """Every term but Phi, J and nu, at the position :func:`position` was called for last."""
     arrays, state = data.arrays, data.state
@@ -114,6 +133,7 @@ def motion(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     evaluate_motion_terms(q, v, arrays, state, terms)
 
 
+@system_kernel
 def inverse(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, tau: Any) -> None:
     """qdot (nq,) = N v and tau (n,) = M a + h + J^T lambda, by the recursions alone."""
     inverse_dynamics_at_solution(t, q, v, a, lam, data)
@@ -121,6 +141,7 @@ def inverse(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any, qdot: Any, ta
     evaluate_position_rate(data.arrays, q, v, qdot)
 
 
+@system_kernel
 def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
     """qdot (nq,) = N v and a (n,) with M a + h = 0, by articulated bodies; 1 where a coordinate moves no mass."""
     arrays, state = data.arrays, data.state
@@ -133,11 +154,13 @@ def forward(t: float, q: Any, v: Any, data: Any, qdot: Any, a: Any) -> int:
     return code
 
 
+@system_kernel
 def mobility(r: Any, data: Any, x: Any) -> None:
     """x (n,) = M^-1 r (n,) where :func:`forward` was called for last."""
     apply_inverse_mass_matrix(data.arrays, data.state, r, x)
 
 
+@system_kernel
 def constraints(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     """Phi, J, nu and gamma alone."""
     arrays, state = data.arrays, data.state
@@ -147,6 +170,7 @@ def constraints(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     right_hand_side(arrays, state, terms.gamma)
 
 
+@system_kernel
 def position(t: float, q: Any, data: Any, terms: Any) -> None:
     """Phi, J and nu alone; free velocities left in the state do not enter."""
     arrays, state = data.arrays, data.state
@@ -162,6 +186,7 @@ def position(t: float, q: Any, data: Any, terms: Any) -> None:
     jacobian(arrays, state, terms.Phi, terms.J, terms.nu)
 
 
+@system_kernel
 def retract(q: Any, dq: Any, data: Any) -> None:
     """q <- q + N(q) dq, quaternions brought back to unit length."""
     arrays = data.arrays
@@ -176,7 +201,7 @@ def retract(q: Any, dq: Any, data: Any) -> None:
             rotate_quaternion(q, body.qf + plain, dq, body.vf + plain)
 
 
-@kernel
+@system_kernel
 def energy(t: float, q: Reals, v: Reals, data: Data) -> float:
     """Kinetic and potential energy, J."""
     arrays, state = data.arrays, data.state
@@ -206,6 +231,7 @@ def watch_sensors(t: float, q: Reals, v: Reals, parts: Any, data: Data, values: 
         values[k] = part_sensor_value(parts[k], arrays, state)
 
 
+@system_kernel
 def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     """dE/dt at the solution (q, v, a, lam), W; :func:`dynamics` or :func:`motion` was called last for (t, q, v)."""
     arrays, state = data.arrays, data.state
@@ -216,12 +242,14 @@ def power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     return power_of(t, arrays, state)
 
 
+@system_kernel
 def solved_power(t: float, q: Any, v: Any, a: Any, lam: Any, data: Any) -> float:
     """dE/dt, W, at the solution that :func:`inverse` or :func:`forward` was called last for."""
     arrays, state = data.arrays, data.state
     return power_of(t, arrays, state) if arrays.world[0].nonconservative == 1 else 0.0
 
 
+@system_kernel
 def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, data: Any, out: Any) -> None:
     """See :func:`.energy.evaluate_energy_bound`; the last call was :func:`dynamics`, or :func:`inverse` of a = 0
     and lam = 0.
@@ -229,18 +257,20 @@ def evaluate_energy_bound(rtol: float, q_tol: Any, v_tol: Any, data: Any, out: A
     energy_bound_of(rtol, q_tol, v_tol, data.arrays, data.state, out)
 
 
+@system_kernel
 def inertia_parts(data: Any, out: Any) -> None:
     """See :func:`.energy.inertia_parts`; :func:`inverse` or :func:`forward` was called last."""
     inertia_parts_of(data.arrays, data.state, out)
 
 
-@kernel
+@system_kernel
 def longest_load_step(taken: float, data: Data) -> float:
     """See :func:`.active_loads.longest_load_step`; the bodies move as in the last evaluation."""
     longest: float = active_loads.longest_load_step(taken, data.arrays, data.state)
     return longest
 
 
+@system_kernel
 def mesh_motion(dq: Any, mask: Any, data: Any, out: Any) -> None:
     """See :func:`.kinematics.mesh_motion`, at the last position."""
     mesh_motion_of(dq, mask, data.arrays, data.state, out)
@@ -283,7 +313,7 @@ def observe(t: float, q: Reals, v: Reals, a: Reals, lam: Reals, data: Data, out:
     evaluate_outputs(a, lam, data, out)
 
 
-@kernel
+@system_kernel
 def evaluate_outputs(a: Reals, lam: Reals, data: Data, out: Reals) -> None:
     """:func:`observe` where the bodies move as at that solution."""
     arrays, state = data.arrays, data.state

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbfmu.mechanics.records import Arrays, State, copy_state, empty_data, to_complex_state
-from solvers.compiled.kernel import COMPILED, callback, types
-from solvers.compiled.tuple_pointer import pin, pointer_type
+from solvers.compiled.kernel import system_kernel
+from solvers.compiled.tuple_pointer import pin
 from solvers.linalg.blocks import Factors
 from solvers.system import Array, TangentCallbacks
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
 
 
+@system_kernel
 def factor_tangent(c1: float, c2: float, weight: Any, symmetric: bool, tangent: Any) -> bool:
     """As a solver's kernels call it, see :class:`solvers.system.TangentCallbacks`."""
     own = tangent.scratch.weight
@@ -33,25 +33,21 @@ def factor_tangent(c1: float, c2: float, weight: Any, symmetric: bool, tangent: 
     return factor(c1, c2, symmetric, False, tangent)
 
 
+@system_kernel
 def solve_tangent(r: Any, tangent: Any, dq: Any) -> None:
     """The same."""
     solve(r, tangent, dq)
 
 
+@system_kernel
 def multiply_mass_matrix(a: Any, tangent: Any, tau: Any) -> None:
     """The same."""
     multiply_mass(a, tangent, tau)
 
 
-@cache
-def tangent_callbacks(data: Any) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    """Return these three for data of this type."""
-    if not COMPILED:
-        return factor_tangent, solve_tangent, multiply_mass_matrix
-    vector, number = types.float64[::1], types.float64
-    take = callback(types.void(vector, data, vector))
-    factored = callback(types.boolean(number, number, vector, types.boolean, data))(factor_tangent)
-    return factored, take(solve_tangent), take(multiply_mass_matrix)
+def tangent_callbacks(tangent: Any) -> TangentCallbacks:
+    """Return what solvers call of a tangent by its data, pinned."""
+    return TangentCallbacks(factor_tangent, solve_tangent, multiply_mass_matrix, tangent)
 
 
 def empty_tangent() -> Any:
@@ -108,8 +104,7 @@ class Tangent:
                 self._count,
             )
         )  # fmt: skip
-        factored, solved, multiplied = tangent_callbacks(pointer_type(self.data) if COMPILED else None)
-        self.callbacks = TangentCallbacks(factored, solved, multiplied, self.data)
+        self.callbacks = tangent_callbacks(self.data)
 
     @property
     def factored(self) -> int:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from solvers.compiled.kernel import COMPILED
-from solvers.compiled.tuple_pointer import pointer_type
-from solvers.system import Array, TangentCallbacks
+from solvers.system import Array
 
 from .factored import empty_tangent, tangent_callbacks
 
@@ -23,8 +21,7 @@ class MissingTangent:
     negative = 0
 
     def __init__(self) -> None:
-        data = empty_tangent()
-        self.callbacks = TangentCallbacks(*tangent_callbacks(pointer_type(data) if COMPILED else None), data)
+        self.callbacks = tangent_callbacks(empty_tangent())
 
     def factor(
         self, c1: float, c2: float, weight: Array | None = None, symmetric: bool = False, averaged: bool = False
