@@ -6,13 +6,13 @@ import gc
 import os
 import sys
 
-GARBAGE_COLLECTION_THRESHOLDS = 100_000, 20, 100  # most of what a command creates stays until its end
+COMMAND_COLLECTION_THRESHOLDS = 100_000, 20, 100  # most of what a command creates stays until its end
 
 
 def main() -> int:
     """Run the command. Loading its modules takes a second, in which Ctrl-C is handled as at any other time."""
     prepare_streams()
-    gc.set_threshold(*GARBAGE_COLLECTION_THRESHOLDS)
+    gc.set_threshold(*COMMAND_COLLECTION_THRESHOLDS)
     try:
         from mbfmu.cli import main as command
     except KeyboardInterrupt:

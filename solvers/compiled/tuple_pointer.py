@@ -59,7 +59,7 @@ class TuplePointer:
 
 
 def words_of(field: Any) -> tuple[int, ...]:
-    """Return a field of a named tuple as kernels have it, in words of 64 bits; TypeError for fields of other types.
+    """Return a field of a named tuple as the 64-bit integers that kernels have; TypeError for fields of other types.
 
     A compiled function that writes a tuple would have to be compiled or loaded for every type of tuple.
     """
