@@ -53,9 +53,9 @@ class Attachment(Protocol):
         """Keep numbers, as many as there are, in ``Arrays.numbers``; return where they begin."""
 
     def history(self, count: int, shared: str = "") -> int:
-        """Keep ``count`` numbers in ``Arrays.numbers``, which are zero at the start of a run and which the kernel
-        ``longest_step`` changes at the end of every accepted step; return where they begin. Elements that give the same
-        name as ``shared`` share them.
+        """Keep ``count`` numbers in ``Arrays.numbers``; return where they begin. They are zero before a run, and the
+        kernel ``longest_step`` changes them at its start and at the end of every accepted step. Elements that give the
+        same name as ``shared`` share them.
         """
 
 

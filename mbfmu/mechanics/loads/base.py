@@ -26,7 +26,8 @@ Its kernels:
     longest_step(load, taken, arrays, state) returns how long the next step may be after one of ``taken``, s, such that
                                              its bodies do not pass a place where it acts; None: of any length. It is
                                              called once at the end of every accepted step, where it may change the
-                                             numbers that ``fill`` got by ``site.history``
+                                             numbers that ``fill`` got by ``site.history``, and at the start, with
+                                             ``taken`` infinite
     extrapolate(loads, arrays, state)        writes to the records of all loads of its type the strains e + e', by
                                              positions and velocities; ``apply`` and ``tangent`` use them instead of
                                              e if the field ``is_extrapolated`` of the record is 1; None: they have

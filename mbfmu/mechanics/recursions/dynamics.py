@@ -270,6 +270,13 @@ def longest_load_step(taken: float, data: Data) -> float:
     return longest
 
 
+@kernel
+def begin_histories(t: float, data: Data) -> None:
+    """Let loads begin their histories where the bodies were placed last, at time t (s): as at the end of a step."""
+    data.state.time[0] = t
+    active_loads.longest_load_step(np.inf, data.arrays, data.state)
+
+
 @system_kernel
 def mesh_motion(dq: Any, mask: Any, data: Any, out: Any) -> None:
     """See :func:`.kinematics.mesh_motion`, at the last position."""

@@ -21,7 +21,7 @@ from mbfmu.mechanics.arrays.input_kernels import (
 )
 from mbfmu.mechanics.arrays.load_groups import largest_ratio
 from mbfmu.mechanics.loads.base import MAX_VALID_RATIO
-from mbfmu.mechanics.recursions.dynamics import energy, evaluate_outputs, observe, placed_energy
+from mbfmu.mechanics.recursions.dynamics import begin_histories, energy, evaluate_outputs, observe, placed_energy
 from solvers.balance import BALANCE_OK, BalanceRecord, check_energy_balance, energy_floor
 from solvers.compiled.kernel import inlined, kernel, records
 from solvers.compiled.record import Record, f8, i8
@@ -119,6 +119,7 @@ def begin_session(
     balance.tolerance, balance.last_passage_energy = tolerance, 0.0
     balance.reference_energy = energy_at(session, t, q, v)
     balance.energy_floor = energy_floor(mass, length, rate, tolerance)
+    begin_histories(t, session.data)
     note_limits(session)
 
 

@@ -15,7 +15,16 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
-from .bristles import ANCHOR_SIZE, IS_ANCHORED, POINT_HISTORY_SIZE, SLIP, TIME, anchor_place, replaces_last_step
+from .bristles import (
+    ANCHOR_SIZE,
+    IS_ANCHORED,
+    MAX_DEFLECTION_CHANGE,
+    POINT_HISTORY_SIZE,
+    SLIP,
+    TIME,
+    anchor_place,
+    replaces_last_step,
+)
 from .patch import evaluate_center, evaluate_line, evaluate_on_line, evaluate_weights, point_velocity
 from .scratch import contact_scratch
 from .surface_force import gap, is_separated, subtract_surface_velocity
@@ -25,8 +34,6 @@ if TYPE_CHECKING:
     from mbfmu.sheets.contact.scratch import ContactScratch
     from mbfmu.sheets.contact.surface_force import SurfaceContactRecord
     from solvers.compiled.record import Reals, Table
-
-MAX_DEFLECTION_CHANGE = 0.5  # of a bristle in one step, in deflections d
 
 
 @kernel

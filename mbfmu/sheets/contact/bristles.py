@@ -39,6 +39,7 @@ TIME, IS_ANCHORED, FIRST_ANCHOR = 0, 1, 2  # places in the history of a contact
 ANCHOR_SIZE = 4  # numbers of an anchor
 SLIP = 2 * ANCHOR_SIZE  # place of the slip velocity among the numbers of a point
 POINT_HISTORY_SIZE = SLIP + 3
+MAX_DEFLECTION_CHANGE = 0.5  # of a bristle in one step, in deflections d
 MIN_STEP_BACK_RATIO = 1e-3  # of a step: it began earlier than the last one ended, by more than rounding
 
 

@@ -59,6 +59,7 @@ from solvers.compiled.record import Integers, Record, Vec3, f8, i8
 from .initial_contact import misplaced_nips
 from .nip_friction import (
     IDLER,
+    LONGEST_STEP_PLACE,
     ROLLER,
     apply_friction_reaction,
     begin_history,
@@ -330,14 +331,16 @@ def potential(nip: NipRecord, arrays: Arrays, state: State) -> float:
 
 @kernel
 def longest_step(nip: NipRecord, taken: float, arrays: Arrays, state: State) -> float:
-    """See :mod:`mbfmu.mechanics.loads.base`: steps are of any length. Its bristles are moved."""
-    if nip.deflection > 0.0:
-        here = contact_scratch(nip, state)
-        begin_history(nip, state.time[0], taken, arrays.numbers)
-        here.accumulate_only = MOVE_ANCHORS
-        evaluate_contact(nip, state.time[0], arrays, state)
-        here.accumulate_only = 0
-    return np.inf
+    """See :mod:`mbfmu.mechanics.loads.base`: steps do not pass over a slip of its bristles, which are moved."""
+    if nip.deflection == 0.0:
+        return np.inf
+    here = contact_scratch(nip, state)
+    begin_history(nip, state.time[0], taken, arrays.numbers)
+    here.accumulate_only, here.result[LONGEST_STEP_PLACE] = MOVE_ANCHORS, np.inf
+    evaluate_contact(nip, state.time[0], arrays, state)
+    here.accumulate_only = 0
+    longest: float = here.result[LONGEST_STEP_PLACE]
+    return longest
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,10 +14,13 @@ by the implicit Euler method, where D is the integral of s and r that of |v_roll
 displacement of the material under the station less that of the roller's surface. In steady rolling z = s / |v_roller|
 is small, and the traction is that of s / S.
 
-**History** of a nip, which its cells share, in ``Arrays.numbers``: TIME of the end of the last accepted step, s; and
-for every station, of the roller and of the idler, two bristles, of the beginning and of the end of this step: 1 if
-there is one; xi and zeta counted over all cells; the point of the roller that touches the sheet, over its radius, in
-the axes of the roller; and z along d and e.
+**History** of a nip, which its cells share, in ``Arrays.numbers``: TIME of the end of the last accepted step, and its
+STEP_LENGTH, s; and for every station, of the roller and of the idler, two bristles, of the beginning and of the end of
+this step: 1 if there is one; xi and zeta counted over all cells; the point of the roller that touches the sheet, over
+its radius, in the axes of the roller; and z and the slip (m/s) along d and e.
+
+Steps are limited as by the points of a surface (:mod:`.anchors`) if the roller is slower than S, and such that the
+roller turns by MAX_TURN_ANGLE at most: its rotation in a step is known up to half a turn.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 
-from .bristles import limit_to_unit, replaces_last_step
+from .bristles import MAX_DEFLECTION_CHANGE, limit_to_unit, replaces_last_step
 from .patch import apply_reaction
 from .scratch import MOVE_ANCHORS
 
@@ -38,9 +41,11 @@ if TYPE_CHECKING:
     from mbfmu.sheets.contact.scratch import ContactScratch
     from solvers.compiled.record import Reals
 
-TIME, FIRST_BRISTLE = 0, 1  # places in the history of a nip
-BRISTLE_SIZE = 8  # numbers of a bristle; every station has two, of the roller and of the idler each
+TIME, STEP_LENGTH, FIRST_BRISTLE = 0, 1, 2  # places in the history of a nip
+LONGEST_STEP_PLACE = 7  # place of the longest next step, s, in the result of the scratch memory
+BRISTLE_SIZE = 10  # numbers of a bristle; every station has two, of the roller and of the idler each
 ROLLER, IDLER = 0, 1
+MAX_TURN_ANGLE = 0.5  # rad, of a roller in one step
 
 
 def history_size(pairs: int) -> int:
@@ -60,7 +65,7 @@ def begin_history(nip: NipRecord, t: float, taken: float, numbers: Reals) -> Non
     if numbers[nip.history + TIME] == t:  # another cell was first
         return
     replaces = replaces_last_step(numbers[nip.history + TIME], t, taken)
-    numbers[nip.history + TIME] = t
+    numbers[nip.history + TIME], numbers[nip.history + STEP_LENGTH] = t, taken
     for k in range(2 * 2 * nip.pairs):
         before = bristle_place(nip, k // 2, k % 2)
         for j in range(0 if replaces else BRISTLE_SIZE):
@@ -109,14 +114,36 @@ def find_angle(x: float, y: float, z: float) -> Any:
 
 @kernel
 def store_bristle(
-    nip: NipRecord, at: int, xi: float, zeta: float, z_d: float, z_e: float, numbers: Reals, body: MotionRecord
+    nip: NipRecord, at: int, xi: float, zeta: float, z: Any, slip: Any, numbers: Reals, body: MotionRecord
 ) -> None:
-    """Write the bristle of a station at ``at``."""
+    """Write the bristle of a station at ``at``; ``z`` and ``slip`` are pairs."""
     numbers[at], numbers[at + 1], numbers[at + 2] = 1.0, xi.real, zeta.real
     for k in range(3):
         touching = body.A[0, k] * nip.n[0] + body.A[1, k] * nip.n[1] + body.A[2, k] * nip.n[2]
         numbers[at + 3 + k] = touching.real
-    numbers[at + 6], numbers[at + 7] = z_d.real, z_e.real
+    numbers[at + 6], numbers[at + 7] = z[0].real, z[1].real
+    numbers[at + 8], numbers[at + 9] = slip[0].real, slip[1].real
+
+
+@kernel
+def longest_station_step(nip: NipRecord, before: int, scale: float, numbers: Reals) -> float:
+    """Longest next step by a station whose bristles are at ``before``, s; ``scale`` is S."""
+    after = before + BRISTLE_SIZE
+    z_d, z_e, s_d, s_e = (
+        numbers[after + 6].real,
+        numbers[after + 7].real,
+        numbers[after + 8].real,
+        numbers[after + 9].real,
+    )
+    square, sticks = s_d * s_d + s_e * s_e, z_d * z_d + z_e * z_e < 1.0
+    if sticks:
+        if 0.0 < square < 4.0 * scale * scale:
+            return MAX_DEFLECTION_CHANGE * nip.deflection.real / np.sqrt(square)
+        return np.inf
+    change = (s_d - numbers[before + 8].real) * s_d + (s_e - numbers[before + 9].real) * s_e
+    if numbers[before].real == 1.0 and square > scale * scale and change < 0.0:
+        return numbers[nip.history + STEP_LENGTH].real * (square + scale * np.sqrt(square)) / -change
+    return np.inf
 
 
 @inlined
@@ -145,14 +172,19 @@ def find_friction_direction(
     if nip.deflection.real == 0.0:
         root = np.sqrt(sd * sd + se * se + least * least + creep * creep * speed)
         return sd, se, root
-    at = bristle_place(nip, station, which)
-    after = at + BRISTLE_SIZE
-    if t > numbers[nip.history + TIME].real:
-        at = after
+    before = bristle_place(nip, station, which)
+    at = before + BRISTLE_SIZE if t > numbers[nip.history + TIME].real else before
     z_d, z_e = evaluate_bristle(nip, at, R, xi, zeta, numbers, body, here)
-    if here.accumulate_only == MOVE_ANCHORS:
-        store_bristle(nip, after, xi, zeta, z_d, z_e, numbers, body)
     scale = np.sqrt(least * least + creep * creep * speed)
+    if here.accumulate_only == MOVE_ANCHORS:
+        store_bristle(nip, before + BRISTLE_SIZE, xi, zeta, (z_d, z_e), (sd, se), numbers, body)
+        if speed.real < (scale * scale).real:
+            longest = longest_station_step(nip, before, scale.real, numbers)
+            here.result[LONGEST_STEP_PLACE] = min(here.result[LONGEST_STEP_PLACE].real, longest)
+        if speed.real > 0.0:
+            here.result[LONGEST_STEP_PLACE] = min(
+                here.result[LONGEST_STEP_PLACE].real, MAX_TURN_ANGLE * abs(R) / np.sqrt(speed.real)
+            )
     x, y, zero = limit_to_unit(z_d + sd / scale, z_e + se / scale, 0.0 * sd)
     return x, y, zero + 1.0
 
