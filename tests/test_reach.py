@@ -41,6 +41,32 @@ def test_a_drive_out_of_reach_is_called_that(solver: str, scale: float, arms: in
     assert "Shorten the motion of the drive" in simulation.failure
 
 
+def contradicted(scale: float, others: int) -> mb.Mechanism:
+    """A parallelogram whose crank is held and whose rocker leaves its place in a pulse about 1 s, and pendulums."""
+    m = mb.Mechanism(gravity=(0.0, -9.81 * scale, 0.0))
+    crank = m.body("crank", m.ground, mb.Revolute(drive=mb.Polynomial((1.0,))), **mb.rod(mass=1.0, length=scale))
+    pin = mb.Revolute(at=(scale, 0.0, 0.0), start=-1.0)
+    bar = m.body("coupler", crank, pin, **mb.rod(mass=1.0, length=2.5 * scale))
+    pulse = mb.Function(lambda t: 1.0 + 0.3 * np.exp(-(((t - 1.0) / 0.1) ** 2)), time=0.1)
+    pin = mb.Revolute(at=(2.5 * scale, 0.0, 0.0), drive=pulse)
+    rocker = m.body("rocker", m.ground, pin, **mb.rod(mass=1.0, length=scale))
+    m.cut("pin", mb.RevoluteCutJoint(at_a=(2.5 * scale, 0.0, 0.0), at_b=(scale, 0.0, 0.0)), bar, rocker)
+    for k in range(others):
+        m.body(f"p{k}", m.ground, mb.Revolute(start=0.1), **mb.rod(mass=1.0, length=scale))
+    return m
+
+
+@pytest.mark.parametrize("others", [0, 1])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "radau"])
+def test_drives_that_contradict_each_other_between_outputs_are_found(solver: str, scale: float, others: int) -> None:
+    result = mb.simulate(contradicted(scale, others), 2.0, interval=2.0, solver=solver)
+    assert result.failure.startswith("the drives require a position that the loops cannot reach after")
+    found = float(result.failure.partition("after t = ")[2].partition(" s")[0])
+    pulse = 0.3 * np.exp(-(((found - 1.0) / 0.1) ** 2))  # rad
+    assert 1e-9 < pulse < 1e-6  # it is found where it begins
+
+
 def test_it_is_called_that_where_a_run_ends_right_there() -> None:
     found = mb.check(pushed(1.0, 0.5, 1), 2.0)
     assert "the drive of 'pusher' requires a position that the loops cannot reach after t = 2 s" in found.failure

@@ -213,6 +213,8 @@ def project_with_frozen_jacobian(
         before, rest = rest, solve_position_correction(eqs.terms, rank, work)
         if not rest <= CHORD_CONTRACTION_LIMIT * before:
             return project(eqs, t, q, v, rank, work)
+    if rank < eqs.terms.Phi.shape[0] and violates_constraints(eqs.terms, work):  # dependent rows may contradict
+        return project(eqs, t, q, v, rank, work)
     project_velocity(v, eqs.terms, rank, work)
     eqs.motion(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
