@@ -161,7 +161,7 @@ def close_position(eqs: EliminationEquations, t: float, q: Reals, closed: float,
         if not np.isfinite(largest):
             return NOT_CLOSED
         eqs.retract(q, work.change, eqs.data)
-        if largest <= CORRECTION_ROUNDING or (not largest < 0.5 * previous and residual <= RESIDUAL_TOLERANCE):
+        if residual <= RESIDUAL_TOLERANCE and (largest <= CORRECTION_ROUNDING or not largest < 0.5 * previous):
             return OK
         if left_out and largest <= FROZEN_RESIDUAL_RATIO * SINGULAR_LENGTH:  # the next one would be its square
             return OK

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import tolerance_factor, update_growth
 from solvers.linalg.dense import apply_Q, pivot_ratio
 from solvers.outcome import BRANCHES, OK
 from solvers.projection.branch import on_same_branch
+from solvers.projection.projection import RESIDUAL_TOLERANCE
 from solvers.projection.singular import IMPERFECT, SINGULAR_PIVOT_RATIO, branch_step_limit, record_accepted
 from solvers.projection.workspace import factor, factor_transposed
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from solvers.projection.workspace import Workspace
     from solvers.steppers.ida.ggl import Unknowns
     from solvers.steppers.step_loop import Integration
-    from solvers.system import Equations
+    from solvers.system import Equations, Terms
 
 RTOL_EXPONENT = 1.2  # of a motion's tolerance: IDA bounds the error of a step, see solvers.steppers.ida.dense
 WEAK_RESIDUAL_RATIO = 0.2  # part of a near miss's gap: bound of the residual of a step near it
@@ -92,11 +93,28 @@ def project_redundant(rank: int, unknowns: Unknowns, work: Workspace) -> None:
                 unknowns.P[i, j] += work.x[i] * work.x[j]
 
 
+@inlined
+def is_contradicted(terms: Terms, rtol: float, unknowns: Unknowns, work: Workspace) -> bool:
+    """Whether redundant combinations P Phi of the constraint equations have a residual above the tolerance.
+
+    IDA's regularization leaves it where constraints contradict each other.
+    """
+    for row in range(terms.Phi.shape[0]):
+        total = 0.0
+        for other in range(terms.Phi.shape[0]):
+            total += unknowns.P[row, other] * terms.Phi[other] / work.row[other]
+        if not abs(total) <= max(RESIDUAL_TOLERANCE, rtol):
+            return True
+    return False
+
+
 @kernel
 def check_step(
-    eqs: Equations, t: float, y: Reals, taken: float, rank: int, unknowns: Unknowns, work: Workspace
+    eqs: Equations, t: float, y: Reals, taken: float, rank: int, rtol: float, unknowns: Unknowns, work: Workspace
 ) -> float:
-    """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch."""
+    """Longest next step after one of IDA's to (t, y), s; negative where the step may have jumped to another branch, or
+    constraints contradict each other.
+    """
     for i in range(unknowns.q.shape[0]):
         unknowns.q[i] = y[i]
     for i in range(unknowns.v.shape[0]):
@@ -106,6 +124,8 @@ def check_step(
     for row in range(unknowns.lam.shape[0]):
         unknowns.lam[row] = y[unknowns.q.shape[0] + unknowns.v.shape[0] + row] / work.row[row]
     if not on_same_branch(eqs, t, unknowns.q, unknowns.branch_distance[0], rank, work):
+        return -1.0
+    if rank < unknowns.P.shape[0] and is_contradicted(eqs.terms, rtol, unknowns, work):
         return -1.0
     unknowns.speed_loss[0] += filter_speed_loss(taken, eqs.terms, unknowns, work)
     if pivot_ratio(work.pivot, rank) >= SINGULAR_PIVOT_RATIO:
@@ -145,7 +165,9 @@ def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
     memory.counts[STEPS] += 1.0
     longest = problem.eqs.longest_load_step(progress.last_step, problem.eqs.data)
     if unknowns.lam.shape[0] > 0:
-        bound = check_step(problem.eqs, t, y, progress.last_step, memory.control[0].rank, unknowns, work)
+        bound = check_step(
+            problem.eqs, t, y, progress.last_step, memory.control[0].rank, problem.settings[0].rtol, unknowns, work
+        )
         if bound < 0.0:
             memory.counts[REJECTED_STEPS] += 1.0
             progress.max_next_step = RETRY_STEP_RATIO * progress.last_step

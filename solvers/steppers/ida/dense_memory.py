@@ -254,7 +254,9 @@ def end_start(problem: Integration, t: float) -> None:
         memory.last_accepted[0, i], memory.last_accepted[1, i] = y[i], memory.ida.slopes[i]
     work.branch_history[0].pivot_ratio = 0.0  # what is known of the branch holds
     if memory.unknowns.lam.shape[0] > 0:
-        bound = check_step(problem.eqs, t, y, 0.0, memory.control[0].rank, memory.unknowns, work)
+        bound = check_step(
+            problem.eqs, t, y, 0.0, memory.control[0].rank, problem.settings[0].rtol, memory.unknowns, work
+        )
         progress.max_next_step = min(progress.max_next_step, bound)
     record_energy_at(problem, t, y, memory.ida.slopes)
 
