@@ -115,8 +115,8 @@ def pointer_type(example: Any) -> Any:
 
 @cache
 def _callback_type(callback: Callback) -> Any:
-    """Return numba's type of a callback; numba would construct it at every call."""
-    return typeof(callback)  # type: ignore[no-untyped-call]
+    """Return numba's type of a callback, which ``typeof`` knows only after numba has compiled something."""
+    return types.FunctionType(callback._sig)  # type: ignore[attr-defined]
 
 
 def pin(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -294,6 +295,7 @@ def test_another_environment_with_the_same_sources_uses_the_same_code(tmp_path: 
 
 LATE = """
 import json
+import math
 from solvers.compiled import cache
 from mbfmu.modeling import find
 from mbfmu.modeling.settings import Settings
@@ -332,6 +334,26 @@ def test_no_step_waits_for_the_compiler(tmp_path: Path, solver: str) -> None:
     script = tmp_path / "late.py"
     script.write_text(LATE.replace("SOLVER", repr(solver)))
     ended(start(script, cache.cache_root().parent))
+
+
+STEADY = """
+import json
+import math
+import mbfmu as mb
+
+m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+m.body("bob", m.ground, mb.Revolute(start=-1.5), **mb.rod(mass=1.0, length=1.0))
+q = mb.equilibrium(m).q
+print(json.dumps({"found": 19.0, "angle": q[0]}))
+"""
+
+
+def test_a_process_that_compiles_nothing_finds_a_steady_state(tmp_path: Path) -> None:
+    """Types of callbacks are known before numba has compiled anything in a process."""
+    script = tmp_path / "steady.py"
+    script.write_text(STEADY)
+    for _ in range(2):  # the second loads what the first has compiled
+        assert ended(start(script, cache.cache_root().parent))["angle"] == pytest.approx(-0.5 * math.pi)
 
 
 def test_the_imports_of_every_module_are_those_of_its_syntax_tree() -> None:
