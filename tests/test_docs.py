@@ -22,7 +22,7 @@ PAGES = sorted(DOCS.rglob("*.md"))
 def documented() -> list[str]:
     """Names of the objects on the pages of the reference."""
     text = "\n".join(page.read_text() for page in (DOCS / "api").glob("*.md"))
-    return [name.rpartition(".")[2] for name in re.findall(r"^\.\. (?:auto|py:)\w+:: (\S+)", text, re.MULTILINE)]
+    return [name.rpartition(".")[2] for name in re.findall(r"^\.\. (?:auto|py:)\w+:: ([\w.]+)", text, re.MULTILINE)]
 
 
 def test_the_reference_has_every_public_name_once() -> None:

@@ -49,6 +49,8 @@ def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and node.id not in allowed:
             raise UserError(f"{what} is {text!r}, where {node.id!r} is not known; allowed: {', '.join(allowed)}")
+        if isinstance(node, _NO_ARITHMETIC):
+            raise UserError(f"{what} is {text!r}, which contains ^, <<, >>, @ or ~; a power is written x**2")
         if not isinstance(node, _ALLOWED) or (isinstance(node, ast.Call) and not isinstance(node.func, ast.Name)):
             raise UserError(f"{what} is {text!r}; allowed: numbers, {', '.join(names)} and functions of them")
     return _evaluate(f"lambda {', '.join(names)}: {text}")
@@ -65,6 +67,7 @@ _ALLOWED = (
     ast.Expression, ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Load, ast.Constant, ast.IfExp, ast.Compare,
     ast.BoolOp, ast.operator, ast.unaryop, ast.cmpop, ast.boolop,
 )  # fmt: skip
+_NO_ARITHMETIC = ast.BitXor, ast.LShift, ast.RShift, ast.MatMult, ast.Invert  # operators without a real result
 
 
 def names_in(text: str) -> set[str]:

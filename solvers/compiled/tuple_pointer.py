@@ -115,7 +115,7 @@ def pointer_type(example: Any) -> Any:
 
 @cache
 def _callback_type(callback: Callback) -> Any:
-    """Return numba's type of a callback, which ``typeof`` knows only after numba has compiled something."""
+    """Return numba's type of a callback: ``typeof`` fails before numba has compiled something."""
     return types.FunctionType(callback._sig)  # type: ignore[attr-defined]
 
 

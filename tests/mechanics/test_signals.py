@@ -351,6 +351,7 @@ def test_an_input_may_be_part_of_a_sum() -> None:
         (lambda: driven("+".join(["t"] * 5000)), "which is not an expression"),
         (lambda: driven("sin(q)"), "'q' is not known"),
         (lambda: driven("sin(t"), "which is not an expression"),
+        (lambda: driven("2*t^2"), "a power is written x"),
         (lambda: driven("__import__('os')"), "'__import__' is not known"),
         (lambda: driven("t.real"), "allowed: numbers, t and functions"),
         (lambda: driven(lambda t, x: t), "takes 2 arguments; allowed: 1"),
