@@ -20,6 +20,7 @@ import pytest
 from tqdm import tqdm
 
 import mbfmu as mb
+from mbfmu import cli
 from mbfmu.__main__ import main as run_module
 from mbfmu.cli import main, models, parser
 from mbfmu.cli.common import scene_of
@@ -174,9 +175,35 @@ def test_the_former_name_of_direct_is_accepted_with_a_notice(command: Command, t
     assert "FMU" not in out
 
 
-def test_commands_without_pictures_do_not_import_what_draws_them() -> None:
-    code = "import sys, mbfmu.cli; print('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+@pytest.mark.parametrize(
+    ("arguments", "unused"),
+    [
+        (("--version",), ("numba", "numpy")),
+        (("--help",), ("numba", "numpy")),
+        (("models",), ("matplotlib", "scipy.linalg")),
+    ],
+)
+def test_commands_import_only_what_they_need(arguments: tuple[str, ...], unused: tuple[str, ...]) -> None:
+    code = (
+        f"import sys; from mbfmu.cli import main; sys.argv[1:] = {arguments}\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        f"print([name for name in {unused} if name in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert found.splitlines()[-1] == "[]"
+
+
+def test_every_command_is_listed_with_the_module_that_adds_it() -> None:
+    """A parser in which only one command is loaded accepts the arguments of this command, and lists all others."""
+    names = {
+        module.stem for module in Path(cli.__file__).parent.glob("*.py") if "\ndef add(" in module.read_text("utf-8")
+    }
+    assert {module for module, _ in cli.COMMANDS.values()} == names
+    for name in cli.COMMANDS:
+        (found,) = (action for action in parser({name})._actions if action.choices and "run" in action.choices)
+        assert list(found.choices) == list(cli.COMMANDS)
+        assert [key for key, own in found.choices.items() if own._defaults.get("command")] == [name]
 
 
 @pytest.mark.parametrize("extra", [(), ("--direct",)])

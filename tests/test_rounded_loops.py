@@ -13,6 +13,7 @@ import pytest
 from judge import truth
 from mechanisms import Scale
 from scipy.integrate import solve_ivp
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
@@ -26,6 +27,7 @@ from mbfmu.mechanics import (
     Weld,
     rod,
 )
+from mbfmu.mechanics.arrays.redundant import connected_parts
 from mbfmu.verification.mechanisms import spatial
 
 MASS, INERTIA = 1.0, 0.1 + 0.25
@@ -223,3 +225,19 @@ def test_overconstrained_linkages_move_with_rounded_numbers(
     assert not run.failure
     found = np.column_stack([run[f"q{k}"] for k in range(motion.q.shape[1])])
     np.testing.assert_allclose(found, motion.q, atol=1e-4)
+
+
+@pytest.mark.parametrize("density", [0.0, 0.02, 0.1, 1.0])
+def test_parts_of_equations_and_coordinates_are_the_connected_components_of_their_graph(density: float) -> None:
+    """SciPy finds the components; each equation is in one part, a coordinate in one or none."""
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        m, n = random.integers(1, 40, 2)
+        tied = random.random((m, n)) < density
+        graph = np.block([[np.zeros((m, m)), tied], [tied.T, np.zeros((n, n))]])
+        count, labels = connected_components(graph, directed=False)
+        expected = [(np.flatnonzero(labels[:m] == k), np.flatnonzero(labels[m:] == k)) for k in range(count)]
+        found = list(connected_parts(tied))
+        assert [tuple(map(list, part)) for part in found] == [
+            tuple(map(list, part)) for part in expected if len(part[0])
+        ]

@@ -1,4 +1,4 @@
-"""The command ``mbfmu``: one module a subcommand."""
+"""The command ``mbfmu``: one module a subcommand, which is loaded if the subcommand is given."""
 # PYTHON_ARGCOMPLETE_OK
 
 from __future__ import annotations
@@ -7,7 +7,8 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from importlib import import_module
 from typing import NoReturn
 
 import argcomplete
@@ -16,49 +17,29 @@ import mbfmu
 from mbfmu.session.interrupts import termination_raised
 from mbfmu.util.errors import RENAMED, UserError, shorten
 
-from . import (
-    cache,
-    check,
-    compare,
-    effects,
-    equilibrium,
-    export,
-    imports,
-    linearize,
-    models,
-    modes,
-    path,
-    run,
-    runtime,
-    scenes,
-    ssp,
-    study,
-    verify,
-    view,
-)
-from .compiling import report_compilation
-from .completion import COMPLETION_COMMAND
+COMPLETION_COMMAND = 'eval "$(register-python-argcomplete mbfmu)"'  # in ~/.bashrc or ~/.zshrc
 
-COMMANDS = (
-    run,
-    check,
-    view,
-    export,
-    ssp,
-    imports,
-    equilibrium,
-    path,
-    linearize,
-    modes,
-    effects,
-    compare,
-    study,
-    verify,
-    models,
-    scenes,
-    runtime,
-    cache,
-)
+# name of a command: its module and what it does; a module is loaded if the command is given
+COMMANDS = {
+    "run": ("run", "run a scene or a model and write its outputs, pictures and motion"),
+    "check": ("check", "report numerical difficulties of a scene and recommend a solver"),
+    "view": ("view", "3-D animation of a run: an HTML file for any browser, glTF, PNG, GIF or MP4"),
+    "export": ("export", "export a model as an FMU, or as an MJCF or URDF file"),
+    "ssp": ("ssp", "export a model with other FMUs as one connected system (SSP)"),
+    "import": ("imports", "write a model from a URDF or MJCF file"),
+    "equilibrium": ("equilibrium", "steady state at constant drive speed, or at rest, with its stability"),
+    "path": ("path", "follow the equilibrium over a load or another input, past limit points (snap-through, buckling)"),
+    "linearize": ("linearize", "state matrices at a steady state"),
+    "modes": ("modes", "natural frequencies, damping and mode shapes at a steady state"),
+    "effects": ("effects", "cost and influence of each optional effect of a model"),
+    "compare": ("compare", "compare accuracy and CPU time of the solvers, or recommend one for a required accuracy"),
+    "study": ("study", "Monte Carlo, parameter sweeps, sensitivity and optimization"),
+    "verify": ("verify", "verify this installation by problems with known solutions"),
+    "models": ("models", "list the models and their parameters, or all variables of a model"),
+    "scenes": ("scenes", "list the scenes of the models"),
+    "runtime": ("runtime", "build the runtime libraries of native FMUs"),
+    "cache": ("cache", "compile all kernels now, or remove compiled code"),
+}
 
 COMMAND_EXAMPLES = f"""examples:
   mbfmu run fourbar                        simulate a model through its FMU; write CSV and pictures
@@ -117,10 +98,13 @@ class Formatter(argparse.HelpFormatter):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code: 0, 1 for a run that stopped early, 2 for a user's mistake."""
-    described = parser()
-    argcomplete.autocomplete(described)
-    options = described.parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else list(arguments)
     try:
+        described = parser({*given, *os.environ.get("COMP_LINE", "").split()})
+        argcomplete.autocomplete(described)
+        options = described.parse_args(given)
+        from .compiling import report_compilation  # loads numba
+
         with termination_raised(), report_compilation(reported=options.verbose or not options.quiet):
             return int(options.command(options))
     except UserError as error:
@@ -138,8 +122,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of all subcommands."""
+def parser(words: Container[str] = COMMANDS) -> argparse.ArgumentParser:
+    """Return the parser of all subcommands, with the arguments of those that are among the words of a command line."""
     top = Parser(
         prog="mbfmu",
         description="Simulation of multibody mechanisms, and their export as FMUs.",
@@ -150,8 +134,11 @@ def parser() -> argparse.ArgumentParser:
     top.set_defaults(quiet=False, verbose=False)
     add_verbosity(top)
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-    for module in COMMANDS:
-        module.add(commands)
+    for name, (module, about) in COMMANDS.items():
+        if name in words:
+            import_module(f".{module}", __package__).add(commands, about)
+        else:
+            commands.add_parser(name, help=about)
     for command in commands.choices.values():
         command.formatter_class = Formatter
         add_verbosity(command)

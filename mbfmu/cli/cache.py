@@ -17,11 +17,11 @@ from .common import Commands, bar, print_if_verbose
 from .completion import complete, scene_names
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu cache``."""
     p = commands.add_parser(
         "cache",
-        help="compile all kernels now, or remove compiled code",
+        help=about,
         description="Kernels are compiled when they are first needed. The machine code is kept in a cache folder "
         "and used by "
         "all environments with the same versions of mbfmu and numba. Without an argument the command prints the folder "

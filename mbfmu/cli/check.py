@@ -23,11 +23,11 @@ from .common import (
 )
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu check``."""
     p = commands.add_parser(
         "check",
-        help="report numerical difficulties of a scene and recommend a solver",
+        help=about,
         description="""Simulate a scene, monitor the run, and report numerical difficulties with their size:
 
   singular configurations  the nearest one: time, distance, loop, and whether it is passed or missed

@@ -50,11 +50,11 @@ COMPARE_EXAMPLES = """examples:
 """
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu compare``."""
     p = commands.add_parser(
         "compare",
-        help="compare accuracy and CPU time of the solvers, or recommend one for a required accuracy",
+        help=about,
         description="""Simulate a scene with several solvers and tolerances, and with several discretisations if the
 model declares them (grid sizes, numbers of modes). Print and plot the error of each run against its CPU time. Small
 models that settle if they are damped are also run into their steady state, which is compared with the equilibrium.

@@ -12,8 +12,6 @@ from mbfmu.modeling.registry import models
 from mbfmu.modeling.scene import load_scene, scenes
 from mbfmu.util.errors import UserError
 
-COMPLETION_COMMAND = 'eval "$(register-python-argcomplete mbfmu)"'  # in ~/.bashrc or ~/.zshrc
-
 Words = Sequence[str] | Callable[..., Iterable[str]]
 
 

@@ -20,11 +20,11 @@ from .common import (
 from .completion import complete, output_names
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu effects``."""
     p = commands.add_parser(
         "effects",
-        help="cost and influence of each optional effect of a model",
+        help=about,
         description="Simulate a model with its own effects, and with one effect switched on or off at a time. "
         "Print the CPU "
         "time of an evaluation and of the run, the first natural frequency at the steady state, and the largest change "

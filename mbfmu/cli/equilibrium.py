@@ -40,11 +40,11 @@ from .completion import complete, output_names
 from .results import Results, results
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu equilibrium``."""
     p = commands.add_parser(
         "equilibrium",
-        help="steady state at constant drive speed, or at rest, with its stability",
+        help=about,
         description="""Find the steady state of a model at constant drive speeds (at rest if there are no drives), its
 stability, the natural modes about it, and other steady states. The results are printed; --json writes them to a file.
 

@@ -36,11 +36,11 @@ RUN_OPTIONS = (*SETTING_NAMES, "stop_time", "interval")  # which only FMUs have,
 FMU_FLAGS = ("platforms", "python", "native")
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu export``."""
     p = commands.add_parser(
         "export",
-        help="export a model as an FMU, or as an MJCF or URDF file",
+        help=about,
         description="Export a model or a scene as an FMU for co-simulation and model exchange. Values given here are "
         "start values of its variables; `mbfmu models NAME` lists these. The importing tool can change them, except "
         "in a native FMU --solver, --input-interpolation, --start-at-equilibrium and the parameters that this command "

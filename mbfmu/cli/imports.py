@@ -13,11 +13,11 @@ from mbfmu.util.files import write_text
 from .common import Commands, print_paths, print_unless_quiet
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu import``."""
     p = commands.add_parser(
         "import",
-        help="write a model from a URDF or MJCF file",
+        help=about,
         description="Write a model in Python from the description of a robot or a machine: a URDF file (<robot>) or an "
         "MJCF file (<mujoco>). Bodies, joints, masses, springs, damping, dry friction, rotor inertias, ranges, loops, "
         "couplings and drives are imported; masses, start positions and other values become parameters. Joints of URDF "

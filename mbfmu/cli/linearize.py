@@ -27,11 +27,11 @@ from .results import results
 STATE_SPACE_FILE = "state_space.npz"
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu linearize``."""
     p = commands.add_parser(
         "linearize",
-        help="state matrices at a steady state",
+        help=about,
         description="Find the steady state nearest to the start and write the state matrices A, B, C, D at this "
         "state, from "
         "the inputs to the outputs. numpy.load reads .npz files for scipy.signal.StateSpace and control.ss; MATLAB and "

@@ -18,11 +18,11 @@ from .completion import complete, scene_names
 MAX_CELL_WIDTH = 40  # characters
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu models``."""
     p = commands.add_parser(
         "models",
-        help="list the models and their parameters, or all variables of a model",
+        help=about,
         description="List the installed models with their parameters. If a model is given, list all variables of its "
         "FMU with units and ranges (parameters, settings of the solver, inputs and outputs) and its scenes. A tunable "
         "parameter may be set between communication steps, a fixed one before the start, and one that is fixed at "

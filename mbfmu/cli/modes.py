@@ -26,11 +26,11 @@ from .common import (
 from .results import results
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu modes``."""
     p = commands.add_parser(
         "modes",
-        help="natural frequencies, damping and mode shapes at a steady state",
+        help=about,
         description="""Find the steady state nearest to the start and the natural modes about it: all modes of a
 small model, the lowest of a large one. Drives have their final speed.
 

@@ -30,11 +30,11 @@ from .completion import complete, output_names
 from .results import results
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu path``."""
     p = commands.add_parser(
         "path",
-        help="follow the equilibrium over a load or another input, past limit points (snap-through, buckling)",
+        help=about,
         description="""Follow the steady states of a model while one of its inputs changes: a force, gravity, the
 position of a support, the speed of a drive. The path is followed by pseudo-arc-length continuation, which passes
 limit points and includes unstable states. Limit points and bifurcations are printed; --second also follows the paths

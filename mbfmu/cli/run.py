@@ -72,11 +72,11 @@ class CalledDirect(argparse.Action):
         print("mbfmu: the option --native of `mbfmu run` is now --direct", file=sys.stderr)
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu run``."""
     p = commands.add_parser(
         "run",
-        help="run a scene or a model and write its outputs, pictures and motion",
+        help=about,
         description=f"""Export a scene or a model as an FMU, simulate the FMU with FMPy, and write the results.
 
 The FMU is native (machine code) if possible. The first native FMU with a solver builds the machine code of this solver,

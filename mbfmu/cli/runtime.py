@@ -9,11 +9,11 @@ from mbfmu.util.errors import UserError
 from .common import Commands, print_if_verbose, print_unless_quiet
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu runtime``."""
     p = commands.add_parser(
         "runtime",
-        help="build the runtime libraries of native FMUs",
+        help=about,
         description="A native FMU consists of the data of the model and of a runtime library, which is the same for "
         "all models that call the same code. The library for this machine is built by the first native export that "
         "needs it. `mbfmu runtime build` builds those of all solvers now, which serve all models, also for other "

@@ -13,11 +13,11 @@ from .common import Commands
 from .completion import complete, model_names
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu scenes``."""
     p = commands.add_parser(
         "scenes",
-        help="list the scenes of the models",
+        help=about,
         description="List the scenes of the models with solver, tolerance, stop time and purpose. `mbfmu run "
         "fourbar/paper` "
         "simulates one of them.",

@@ -27,11 +27,11 @@ from .common import (
 )
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu ssp``."""
     p = commands.add_parser(
         "ssp",
-        help="export a model with other FMUs as one connected system (SSP)",
+        help=about,
         description="Export a model or a scene as an FMU and write it, with other FMUs and the connections between "
         "them, as one file of System Structure and Parameterization (SSP) 1.0. FMPy, libcosim and other tools "
         "simulate such files. The component of the model has the name of the model. Its FMU is of FMI 2.0 and for "

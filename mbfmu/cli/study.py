@@ -36,11 +36,11 @@ fastest = "largest crank.rate"
 """
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu study``."""
     p = commands.add_parser(
         "study",
-        help="Monte Carlo, parameter sweeps, sensitivity and optimization",
+        help=about,
         description=f"""Simulate a scene or an FMU many times with varied parameters, on all processors of this
 machine or on a Dask cluster, and evaluate each run. A TOML file defines the study:
 

@@ -33,11 +33,11 @@ VERIFY_EXAMPLES = """examples:
 """
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu verify``."""
     p = commands.add_parser(
         "verify",
-        help="verify this installation by problems with known solutions",
+        help=about,
         description="""Simulate problems whose solution is known independently of mbfmu: by closed forms, published
 numbers, or integration by SciPy of equations in another formulation. Each is run with every solver that accepts it.
 

@@ -50,11 +50,11 @@ VIEW_EXAMPLES = """examples:
 """
 
 
-def add(commands: Commands) -> None:
+def add(commands: Commands, about: str) -> None:
     """Describe ``mbfmu view``."""
     p = commands.add_parser(
         "view",
-        help="3-D animation of a run: an HTML file for any browser, glTF, PNG, GIF or MP4",
+        help=about,
         description="Write an animation of a run as one HTML file, which needs no network. The argument is a "
         "pose file motion.npz of `mbfmu run`, or a scene or model, which is then simulated directly.",
         epilog=VIEW_EXAMPLES,

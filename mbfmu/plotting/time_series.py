@@ -47,6 +47,7 @@ LINE_WIDTHS = (1.0, 3.0)  # points; of a curve, and of one under others that are
 MIN_RELATIVE_SPAN = 1e-6  # of the size of its values: a panel is not lower, or it would show their rounding
 LOG_AXIS_RATIO = 1e-9  # of its largest value: how far down a logarithmic panel goes
 FAILURE_COLOR = "#c62828"
+GRID_ALPHA = 0.3
 
 
 def matching(known: Sequence[str], asked: Sequence[str]) -> list[str]:
@@ -118,7 +119,7 @@ def draw(figure: Any, result: Result, names: Sequence[str] = ()) -> None:
         for i, curve, style in zip(shown, curves.T, styles(curves), strict=True):
             ax.plot(result.t, curve, **style, marker=marker, label=result.variables[i].name)
         ax.set_ylabel(f"{quantity} [{unit}]" if quantity else f"[{unit}]")
-        ax.grid(alpha=0.3)
+        ax.grid(alpha=GRID_ALPHA)
         left = len(columns) - len(shown)
         ax.legend(
             fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, title_fontsize=7,
@@ -210,9 +211,26 @@ def arrange(figure: Any) -> None:
     )  # fmt: skip
 
 
+def replace_upper_time_axes(figure: Any) -> None:
+    """Replace the ticks of the time axes above the lowest by one set of grid lines: a tick takes as long as a curve."""
+    from matplotlib import rcParams
+
+    *upper, lowest = figure.axes
+    begin, end = lowest.get_xlim()
+    ticks = [tick for tick in lowest.get_xticks() if begin <= tick <= end]
+    width, color = rcParams["grid.linewidth"], rcParams["grid.color"]
+    for ax in upper:
+        ax.xaxis.set_visible(False)
+        ax.vlines(
+            ticks, 0.0, 1.0, transform=ax.get_xaxis_transform(), colors=color, linewidths=width, alpha=GRID_ALPHA,
+            zorder=0.9,
+        )  # fmt: skip
+
+
 def plot_result(result: Result, path: Path, names: Sequence[str] = ()) -> None:
     """Draw outputs over time as :meth:`mbfmu.Result.plot` does."""
     figure = new_figure(size(result, names), is_arranged=False)
     draw(figure, result, names)
     arrange(figure)
+    replace_upper_time_axes(figure)
     finish(figure, path)

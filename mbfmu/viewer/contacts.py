@@ -18,7 +18,7 @@ from mbfmu.mechanics.shapes import Shape
 from mbfmu.sheets.contact.nip import RollerNip
 from mbfmu.sheets.contact.surface_contact import SurfaceContact
 
-Poses = tuple[NDArray[np.float32], NDArray[np.float32]]  # origins (T, nb, 3), m, and axes (T, nb, 3, 3) of all bodies
+from .picture import Poses
 
 IDLER_RADIUS_RATIO = 0.6  # its radius against that of the roller
 RUBBER, IDLE, MARK = "#565e6b", "#a3abb8", "#f2f4f7"

@@ -22,12 +22,12 @@ from mbfmu.mechanics.cuts import CutJoint
 from mbfmu.mechanics.flexible import Beam, FlexibleBody
 from mbfmu.mechanics.joints.section import Section
 from mbfmu.mechanics.loads import Rope
+from mbfmu.mechanics.shapes import Shape
 from mbfmu.util.errors import UserError
 
-from .contacts import Poses, contact_shapes
 from .hulls import Hull, hull_of
 from .mesh_solids import MeshSolids, readable_shapes
-from .picture import Bar, Link, Matrix, Numbers, Part, Picture, Skin, cells, numbers
+from .picture import Bar, Link, Matrix, Numbers, Part, Picture, Poses, Skin, cells, numbers
 
 PALETTE = (
     "#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e", "#97bbf5", "#8fbf3f",
@@ -66,7 +66,7 @@ class _Artist:
         self.mechanism = mechanism
         self.coils = list(self._coils())
         self.held = self._held_points()
-        self.contact_shapes = list(contact_shapes(mechanism, poses))
+        self.contact_shapes = _contact_shapes(mechanism, poses)
         self.rolled = {body.index for body, shape in self.contact_shapes if body.index and shape.opacity == 1.0}
         self.shapes, self.meshes = readable_shapes(mechanism.shapes), MeshSolids()
         self.shaped = {body.index for body, _ in self.shapes} | self.rolled
@@ -326,6 +326,15 @@ def check_fields(mechanism: Mechanism) -> None:
                     f"field of surface {surface.name!r} has {names[0]!r} in {units[names[0]]} and {name!r} in "
                     f"{units[name]}; allowed: one unit"
                 )
+
+
+def _contact_shapes(mechanism: Mechanism, poses: Poses | None) -> list[tuple[Body, Shape]]:
+    """Return what sheets are in contact with; without loads on several bodies, the code of sheets is not imported."""
+    if not mechanism.others:
+        return []
+    from .contacts import contact_shapes
+
+    return list(contact_shapes(mechanism, poses))
 
 
 def bar_radius(bars: list[float], across: float) -> float:

@@ -17,6 +17,7 @@ from .hulls import Hull
 
 Matrix = NDArray[np.float64]
 Numbers = tuple[float, ...]
+Poses = tuple[NDArray[np.float32], NDArray[np.float32]]  # origins (T, nb, 3), m, and axes (T, nb, 3, 3) of all bodies
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from mbfmu.modeling import Model
 from mbfmu.session.run import communication_points, run
 from mbfmu.session.simulation import Settings
 from mbfmu.viewer import Motion, Recorder
-from mbfmu.viewer.forces import rounded, scales
+from mbfmu.viewer.forces import cross, rounded, scales
 
 
 class Loaded(Model):
@@ -135,3 +135,9 @@ def test_driven_joint_without_effort_has_no_arrow() -> None:
     _, motion = recorded(Idle(), 0.1)
     assert motion.arrows == ()
     assert motion.joints == ("", "revolute, driven")
+
+
+def test_vector_products_of_rows() -> None:
+    a, b = np.random.default_rng(0).normal(size=(2, 7, 3))
+    np.testing.assert_allclose(cross(a, b), np.cross(a, b), rtol=1e-15, atol=1e-15)
+    assert cross(a[:0], b[:0]).shape == (0, 3)

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.signals import InUse
@@ -132,7 +131,7 @@ class Redundancy:
             J, gaps = self.evaluate(q, t)
             if not (np.isfinite(J).all() and np.isfinite(gaps).all()):
                 return False
-            U, sigma, Vt = scipy.linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
+            U, sigma, Vt = np.linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
             r = int(np.count_nonzero(sigma > self._regular)) if rank is None else min(rank, len(sigma))
             step = np.zeros(self._system.n)
             step[columns] = -Vt[:r].T @ ((U[:, :r].T @ gaps[rows]) / np.maximum(sigma[:r], ROUNDING_TOLERANCE))
@@ -184,7 +183,7 @@ class Redundancy:
         if not closed:
             return None
         own = J[np.ix_(rows, columns)]
-        regular = scipy.linalg.svdvals(own)[rank - 1] if rank else 1.0
+        regular = np.linalg.svdvals(own)[rank - 1] if rank else 1.0
         return Position(near, drive_motion, step, own, gaps[rows], float(regular))
 
     def parts(self, q: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
@@ -195,17 +194,13 @@ class Redundancy:
             near = q.copy()
             self._system.apply(near, 0.1 * self._system.size * self._random.normal(size=n))
             tied |= np.abs(self.evaluate(near, 0.0)[0]) > ENTRY_TOLERANCE
-        graph = np.zeros((m + n, m + n), bool)
-        graph[:m, m:] = tied
-        _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        for label in np.unique(labels[:m]):
-            yield np.flatnonzero(labels[:m] == label), np.flatnonzero(labels[m:] == label)
+        yield from connected_parts(tied)
 
     def _examine(self, q: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Part | None:
         """Return a part with redundant equations; None if none is redundant, or if they close exactly."""
         J, gaps = self.evaluate(q, 0.0)
         sigma = np.zeros(len(rows))
-        own = scipy.linalg.svdvals(J[np.ix_(rows, columns)])
+        own = np.linalg.svdvals(J[np.ix_(rows, columns)])
         sigma[: len(own)] = own
         first = int(np.count_nonzero(sigma > self._regular))
         if first == len(rows) or (
@@ -221,7 +216,7 @@ class Redundancy:
 
     def _move(self, q: Array, J: Array, columns: NDArray[np.int64], rank: int, along: Array) -> Array:
         """Move q in place by ``WALK_STEP`` in the allowed direction nearest to ``along``; return that."""
-        T = scipy.linalg.svd(J)[2][rank:]
+        T = np.linalg.svd(J)[2][rank:]
         direction = T.T @ (T @ along)
         largest = float(np.abs(direction).max(initial=0.0))
         if not largest > 0.0:
@@ -230,6 +225,27 @@ class Redundancy:
         step[columns] = WALK_STEP * direction / largest
         self._system.apply(q, step * self._system.size)
         return direction
+
+
+def connected_parts(tied: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield equations and coordinates of every connected part of a graph, in the order of their first equations.
+
+    ``tied`` (m, n): whether an equation contains a coordinate. SciPy's graphs take longer to import than a model to
+    compile.
+    """
+    m, n = tied.shape
+    found = np.zeros(m, bool)
+    for first in range(m):
+        if found[first]:
+            continue
+        rows, columns, added = np.zeros(m, bool), np.zeros(n, bool), np.arange(m) == first
+        while added.any():
+            rows |= added
+            reached = tied[added].any(axis=0) & ~columns
+            columns |= reached
+            added = tied[:, reached].any(axis=1) & ~rows
+        found |= rows
+        yield np.flatnonzero(rows), np.flatnonzero(columns)
 
 
 def find_regular_limit(allowed: float) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import CutHandle
@@ -138,7 +137,7 @@ class Rounding:
 def _locked(search: Redundancy, t: float, q: Array, part: Part) -> NDArray[np.int64]:
     """Return the coordinates of a part that cannot move at q (nq,) but could without its nearly redundant equations."""
     J = search.evaluate(q, t)[0][np.ix_(part.rows, part.coordinates)]
-    _, sigma, Vt = scipy.linalg.svd(J, full_matrices=False)
+    _, sigma, Vt = np.linalg.svd(J, full_matrices=False)
     rank = int(np.count_nonzero(sigma > DEPENDENT_SINGULAR_RATIO * sigma[0])) if len(sigma) else 0
     fixed = _mobility(Vt[:rank]) < FIXED_PART_LIMIT
     return part.coordinates[fixed & (_mobility(Vt[: part.rank]) > MOBILE_PART_LIMIT)]
@@ -148,7 +147,7 @@ def _has_fixed(search: Redundancy, t: float, q: Array) -> bool:
     """Return whether the equations leave some coordinate that they know no motion at q (nq,)."""
     J = search.evaluate(q, t)[0]
     for rows, columns in search.parts(q):
-        _, sigma, Vt = scipy.linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
+        _, sigma, Vt = np.linalg.svd(J[np.ix_(rows, columns)], full_matrices=False)
         rank = int(np.count_nonzero(sigma > DEPENDENT_SINGULAR_RATIO * sigma.max(initial=0.0)))
         if np.any(_mobility(Vt[:rank]) < FIXED_PART_LIMIT):
             return True
