@@ -160,6 +160,8 @@ class AnySystem(ABC):
     held_states: tuple[bool, ...] = ()
     coordinate_names: tuple[str, ...] = ()  # (n,)
     constraint_names: tuple[str, ...] = ()  # (m,)
+    # coordinates and constraint equations of the model without locked joints: they decide on the formulation
+    model_size: tuple[int, int] = (0, 0)
     # (): the equations with their constraints eliminated in O(n), pinned; None: they are solved by matrices only
     elimination: Callable[[], EliminationEquations] | None = None
 

@@ -80,10 +80,15 @@ ORDER_LIMITS = {  # lowest and highest order that a run can be limited to; one n
 MAX_RADAU_COORDINATES = 200
 
 
+def has_loops(system: AnySystem) -> bool:
+    """Whether constraints restrict coordinates that are free."""
+    return system.n > 0 and system.m > 0
+
+
 def eliminates_constraints(name: str, system: AnySystem) -> bool:
     """Whether this solver integrates a system with its constraints eliminated: a large one with loops."""
-    large = system.m > 0 and system.n > MIN_ELIMINATION_COORDINATES
-    return name in ELIMINATION_SOLVERS and large and system.elimination is not None
+    large = max(system.n, system.model_size[0]) > MIN_ELIMINATION_COORDINATES
+    return name in ELIMINATION_SOLVERS and large and has_loops(system) and system.elimination is not None
 
 
 def uses_recursions(name: str, system: AnySystem) -> bool:
@@ -106,7 +111,8 @@ def eliminates_implicitly(name: str, system: AnySystem) -> bool:
     smooth; for ``esdirk``, which measures errors of meshes at their nodes, there is no mesh.
     """
     meshed = name == "esdirk" and getattr(system, "mesh_length", 0.0) > 0.0
-    many = system.m > MIN_ELIMINATION_CONSTRAINTS and system.n > MIN_ELIMINATION_COORDINATES
+    n, m = max((system.n, system.m), system.model_size)
+    many = m > MIN_ELIMINATION_CONSTRAINTS and n > MIN_ELIMINATION_COORDINATES and has_loops(system)
     smooth = not system.nonsmooth_reason and not meshed
     return name in IMPLICIT_ELIMINATION_SOLVERS and many and smooth and hasattr(system.elimination, "tangent")
 

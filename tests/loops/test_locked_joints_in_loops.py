@@ -9,7 +9,10 @@ from scipy.integrate import quad
 from scipy.special import ellipk
 
 import mbfmu as mb
+from mbfmu.modeling.model import as_model
 from mbfmu.session.result import Result
+from solvers import Options
+from solvers.steppers import stepper
 
 SMALL = ["adams", "hybrid", "ida", "radau"]
 
@@ -66,13 +69,14 @@ def test_a_brake_stops_a_parallelogram(solver: str, locked: tuple[str, ...]) -> 
 @pytest.mark.parametrize("solver", ["adams", "ida", "esdirk"])
 def test_a_brake_stops_a_row_of_fourbars(solver: str) -> None:
     """Reference: SciPy's integral of the time over the angle, whose rate follows from the energy. The loops are
-    eliminated along the tree.
+    eliminated along the tree, also where the locked joints leave no more coordinates than a small model has.
     """
     loops, tolerance, m = 31, 1e-6, n_four_bar(31).mechanism
     inertia, weight = (loops + 1) / 3.0 + loops, (0.5 * (loops + 1) + loops) * G  # kg m2; N m, of rods of 1 m and 1 kg
-    first, column = 1.2, m.bodies[loops]
-    m.event("brake", m.bodies[1].angle(), crosses=first, direction="down", then=mb.Lock(column))
-    m.event("open", at=1.4, then=mb.Release(column))
+    first = 1.2
+    columns = [m.bodies[k] for k in (loops, 1, 2)]
+    m.event("brake", m.bodies[1].angle(), crosses=first, direction="down", then=list(map(mb.Lock, columns)))
+    m.event("open", at=1.4, then=list(map(mb.Release, columns)))
     m.event("low", m.bodies[1].angle(), crosses=0.8, direction="down", then=mb.EndRun())
     m.output("rate", m.bodies[-1].rate())
     result = mb.simulate(m, 5.0, interval=0.1, solver=solver, tolerance=tolerance)
@@ -99,3 +103,21 @@ def test_one_of_many_masses_is_held(solver: str) -> None:
     np.testing.assert_allclose(times(result, "hold"), [1.0], rtol=0.0, atol=3e-5)
     np.testing.assert_allclose(result["x"], [0.0, 0.125, 0.5, 0.5, 0.625], rtol=0.0, atol=3e-5)
     assert not result.warning
+
+
+@pytest.mark.parametrize("solver", ["adams", "hybrid", "ida", "esdirk", "radau"])
+def test_a_large_model_all_of_whose_loops_are_locked(solver: str) -> None:
+    """Closed form: no constraint remains, and a mass that is not locked falls."""
+    m = n_four_bar(31).mechanism
+    rods = m.bodies[1:]
+    mass = m.body("mass", m.ground, mb.Translational(axis="y"), mass=2.0)
+    m.event("brake", at=1.0, then=[mb.Lock(rod) for rod in rods])
+    compiled = as_model(m).compile()
+    q, v = compiled.assemble(0.0)
+    held = {rod.index: float(q[compiled.data.arrays.bodies["qf"][rod.index]]) for rod in rods}
+    system = compiled.locks.lock(held, 0.0, q)
+    assert (system.n, system.m) == (mass.joint.nv, 0)
+    run = stepper(solver, system, 0.0, *compiled.locks.free_coordinates(q, 0.0 * v), Options(rtol=1e-6, duration=0.4))
+    run.advance(0.4)
+    assert run.status.ok
+    np.testing.assert_allclose(run.q, -0.5 * G * 0.4**2, rtol=1e-6)

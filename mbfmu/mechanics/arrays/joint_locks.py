@@ -119,7 +119,7 @@ class JointLocks:
         if not held:
             return self.system
         free, remaining = self._remaining()
-        systems = self._systems.with_locked_joints(frozenset(held), int(free.sum()), remaining)
+        systems = self._systems.with_locked_joints(frozenset(held), int(free.sum()), remaining, self.system.m)
         names = list(self.system.constraint_names)
         system = systems.make(names)
         kept = self._arrays.kept >= 0

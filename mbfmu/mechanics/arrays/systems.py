@@ -69,6 +69,7 @@ class Systems:
         self._mechanism, self._numbering, self._elements = mechanism, numbering, elements
         self._drives, self._length, self._arrays = drives, length, elements.data.arrays
         self._locked: Set[int] = frozenset()
+        self._model_size = 0, 0  # coordinates and constraint equations without locked joints, if there are some
         nominal = [state.nominal for _, state in numbering.states]
         self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
@@ -100,13 +101,16 @@ class Systems:
                 "fewer bodies"
             )
 
-    def with_locked_joints(self, locked: Set[int], positions: int, remaining: NDArray[np.bool_]) -> Systems:
+    def with_locked_joints(
+        self, locked: Set[int], positions: int, remaining: NDArray[np.bool_], constraints: int
+    ) -> Systems:
         """Return the systems whose arrays are numbered with the joints of these bodies locked, see :mod:`.joint_locks`.
 
         ``positions`` is the number of free positions; ``remaining`` (n,) states which velocities and first-order states
-        remain free.
+        remain free. ``constraints`` is the number of constraint equations without locked joints.
         """
         found = copy(self)
+        found._model_size = len(remaining), constraints
         found._locked, found._size, found._numbering = locked, self._size[remaining], copy(self._numbering)
         numbering = found._numbering
         numbering.nq, numbering.nv = positions, int(remaining.sum())
@@ -116,9 +120,13 @@ class Systems:
 
     def make(self, constraint_names: list[str]) -> AnySystem:
         """Return the system with the rows that are kept today, by their names."""
-        if self._large:
+        if self._numbering.nv and (self._large or self._has_left_loops(constraint_names)):
             return self._tree(constraint_names)
         return self.dense(constraint_names, self._elements.data)
+
+    def _has_left_loops(self, constraint_names: list[str]) -> bool:
+        """Whether locked joints leave a large model without loops, which is a large tree for all solvers."""
+        return self._has_tangent and not constraint_names and self._model_size[0] > MAX_DENSE_TREE_COORDINATES
 
     def make_complex(self, constraint_names: list[str]) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
@@ -258,6 +266,7 @@ class Systems:
             "longest_load_step": recursions.longest_load_step,
             "coordinate_names": tuple(self._numbering.coordinate_names),
             "constraint_names": tuple(constraint_names),
+            "model_size": self._model_size,
         }
 
     def _elimination(self) -> Elimination | Callable[[], EliminationEquations] | None:
