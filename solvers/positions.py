@@ -81,6 +81,23 @@ def as_slope(q: Reals, v: Reals, layout: Positions, slope: Reals) -> None:
 
 
 @kernel
+def set_coordinate_rates(layout: Positions, rate: float, out: Reals) -> None:
+    """out (n,) <- the rate of the coordinates, 1/s, and 1 of first-order states: the absolute tolerances of these are
+    those of their nominal values.
+    """
+    for k in range(out.shape[0]):
+        out[k] = rate
+    for k in range(layout.states.shape[0]):
+        out[layout.states[k]] = 1.0
+
+
+@inlined
+def count_velocities(layout: Positions, n: int) -> int:
+    """Number of the ``n`` velocities that are not first-order states: the first ones."""
+    return n - layout.states.shape[0]
+
+
+@kernel
 def position_sizes(layout: Positions, sizes: Reals, out: Reals) -> None:
     """out (nq,) = sizes of positions, from those of motions (n,)."""
     for k in range(layout.in_q.shape[0]):

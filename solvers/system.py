@@ -239,8 +239,9 @@ class System(AnySystem):
     motion: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): those that position leaves out
     energy: Callable[[float, Array, Array, Any], float]  # (t, q, v, data): kinetic and potential energy, J
     evaluate_outputs: Callable[[Array, Array, Any, Array], None] | None = None  # (a, lam, data, out): of one solution
-    # (): the same equations by recursions, for explicit solvers; None: they are solved by matrices only
+    # (): the same equations by recursions, for large systems; None: they are solved by matrices only
     recursions: Callable[[], TreeSystem] | None = None
+    has_tangent: bool = False  # whether these have a structured tangent, which implicit solvers require
     loop_rate: float = (
         0.0  # 1/s, as ``rate``, of the coordinates in constraints: by gravity and the drives that move it
     )

@@ -32,7 +32,7 @@ from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
 from solvers.resolution import MIN_RATE_PER_DURATION
-from solvers.steppers import MAX_RADAU_COORDINATES, describe_order_refusal, eliminates_constraints
+from solvers.steppers import MAX_RADAU_COORDINATES, describe_order_refusal, eliminates_constraints, uses_recursions
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array
 
 from .stiffness import spectrum
@@ -268,6 +268,8 @@ def select_explicit(compiled: CompiledMechanism) -> tuple[str, str]:
 def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str, str]:
     """Return the solver to take where something is stiff, and what its size has to do with it."""
     system, size = compiled.system, describe_size(compiled)
+    if uses_recursions("ida", system):
+        return "ida", f"a large open-chain model with {size}"
     if system.has_matrices:
         few = system.n <= MAX_RADAU_COORDINATES
         return ("radau", size) if few else ("ida", f"{size}, too many for 'radau'")

@@ -80,13 +80,13 @@ def count_freedom(system: TreeSystem, t: float, q: Array) -> int:
 
 def motion_rate(motion: Accelerations, t: float, q: Array, v: Array, duration: float) -> float:
     """Return the rate of a tree's motion, 1/s, for a run of ``duration`` (s): by gravity and drives, or if there are
-    none as it starts.
+    none as it starts. First-order states have no part in it, however fast they are.
     """
     s = motion.system
     if s.rate > 0.0:
         v = a = np.zeros(0)
     else:
-        a = motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
+        v, a = v[: s.n_velocities], motion.a if motion.solve(t, q, v) is Code.OK else np.zeros(s.n)
     return float(start_rate(s.rate, duration, s.size, v, a))
 
 

@@ -158,17 +158,18 @@ def solve_accelerations(
 
 @kernel
 def find_rate(
-    eqs: Any, t: float, q: Reals, v: Reals, size: Reals, known: float, duration: float, own: ConstraintScratch
-) -> float:
+    eqs: Any, t: float, q: Reals, v: Reals, moving: int, size: Reals, known: float, duration: float,
+    own: ConstraintScratch,
+) -> float:  # fmt: skip
     """Rate of the motion, 1/s, for a run of ``duration`` (s): by gravity and drives, which is ``known``, or if there
-    are none as it starts at (t, q, v).
+    are none as it starts at (t, q, v), whose first ``moving`` velocities are not first-order states.
     """
     if known > 0.0:
         return start_rate(known, duration, size, v[:0], own.a[:0])
     if solve_accelerations(eqs, t, q, v, own, own.qdot, own.a, own.lam) != OK:
         for i in range(own.a.shape[0]):
             own.a[i] = 0.0
-    return start_rate(known, duration, size, v, own.a)
+    return start_rate(known, duration, size, v[:moving], own.a)
 
 
 @kernel

@@ -92,9 +92,13 @@ def eliminates_constraints(name: str, system: AnySystem) -> bool:
 
 
 def uses_recursions(name: str, system: AnySystem) -> bool:
-    """Whether this solver integrates a system that has matrices by its recursions: a large one without constraints."""
+    """Whether this solver integrates a system that has matrices by its recursions: a large one without constraints, for
+    ``ida`` with a structured tangent.
+    """
+    if not isinstance(system, System) or system.recursions is None:
+        return False
     large = not system.m and system.n > MIN_ELIMINATION_COORDINATES
-    return name in UNCONSTRAINED_SOLVERS and large and isinstance(system, System) and system.recursions is not None
+    return large and (name in UNCONSTRAINED_SOLVERS or (name == "ida" and system.has_tangent))
 
 
 def recursive_system(system: AnySystem) -> TreeSystem:
@@ -171,8 +175,8 @@ def describe_refusal(name: str, system: AnySystem) -> str:
                 name,
                 f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and, "
                 f"if there are loops, more than {MIN_ELIMINATION_CONSTRAINTS} constraint equations, and with neither "
-                "flexible bodies nor first-order states; this model has "
-                f"{system.n} and {system.m}; use 'radau'",
+                f"flexible bodies nor first-order states (this model: joint coordinates {system.n_velocities}, "
+                f"constraint equations {system.m}, first-order states {system.n_states}); use 'ida'",
             )
         return ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
@@ -267,7 +271,7 @@ def stepper(
     if eliminates_implicitly(name, system):
         return IMPLICIT_ELIMINATION_SOLVERS[name](system, *arguments)
     if uses_recursions(name, system):
-        return UNCONSTRAINED_SOLVERS[name](recursive_system(system), *arguments)
+        return (UNCONSTRAINED_SOLVERS | TREE_SOLVERS)[name](recursive_system(system), *arguments)
     if not isinstance(system, TreeSystem):
         if not system.n:
             name = "adams"  # IDA takes no empty system, and nothing is integrated

@@ -13,7 +13,7 @@ from solvers.energy_account import EnergyScales, update_energy_bound
 from solvers.inertia import InertiaRecord, tolerance_factor, update_tree_growth
 from solvers.options import Options
 from solvers.outcome import Code
-from solvers.positions import Positions
+from solvers.positions import Positions, set_coordinate_rates
 from solvers.projection.saddle import Accelerations, count_freedom, motion_rate, project
 from solvers.resolution import require_resolution
 from solvers.system import Array, TreeEquations, TreeSystem
@@ -106,10 +106,10 @@ class TreeFormulation(Formulation):
         self.rate = motion_rate(self._motion, t, q, v, options.duration)
         self.position_units = system.position_sizes(system.size)
         require_resolution(t, self.rate, q, self.position_units, options.rtol, system.coordinate_names)
-        self.rate_units = RATE_TOLERANCE_RATIO * self.rate * system.size
         self._scratch = TreeScratch.allocate(system.nq, system.n, system.positions, system.m)
         self._scratch.size[:], self._scratch.size_q[:] = system.size, self.position_units
-        self._scratch.coordinate_rates[:] = RATE_TOLERANCE_RATIO * self.rate
+        set_coordinate_rates(pin(system.positions), RATE_TOLERANCE_RATIO * self.rate, self._scratch.coordinate_rates)
+        self.rate_units = self._scratch.coordinate_rates * system.size
         self._scratch.inertia["watched"] = system.can_compute_rate_growth
         self.work = pin(self._scratch)
         self.rank = system.m

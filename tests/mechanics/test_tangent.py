@@ -10,7 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmus.sheet import Sheet
-from mbfmu.mechanics import Bushing, CompiledMechanism, Floating, Mechanism, Revolute, Translational, Weld
+from mbfmu.mechanics import (
+    Bushing,
+    CompiledMechanism,
+    Cylindrical,
+    Floating,
+    Harmonic,
+    JointFriction,
+    Mechanism,
+    Revolute,
+    Spherical,
+    SphericalFriction,
+    Translational,
+    Weld,
+)
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.recursions import dynamics as dy
 from mbfmu.mechanics.recursions.kinematics import update_accelerations
@@ -128,6 +141,68 @@ def test_a_carrier_without_mass_stays_with_what_it_carries() -> None:
     tangent, a = compiled.tangent(groups_of(compiled, 1)), np.random.default_rng(0).normal(size=9)
     assert tangent.factor(0.0, 2.0)
     np.testing.assert_allclose(T @ tangent.solve(a), a, atol=1e-6)
+
+
+def moving_differences(compiled: CompiledMechanism, q: Any, v: Any, c1: float, c2: float, h: float = 1e-6) -> Any:
+    """T of forces along all coordinates and states at (q, v), by central differences; leaves the state there."""
+    n = compiled.system.n
+    T, tau = np.zeros((n, n)), np.zeros((2, n))
+    for k, e in enumerate(h * np.eye(n)):
+        for side, step in zip(tau, (e, -e), strict=True):
+            there = q.copy()
+            compiled.system.apply(there, step)
+            inverse_at(compiled, there, v + c1 * step, c2 * step, side)
+        T[:, k] = (tau[0] - tau[1]) / (2.0 * h)
+    inverse_at(compiled, q, v, np.zeros(n), tau[0])
+    return T
+
+
+def inverse_at(compiled: CompiledMechanism, q: Any, v: Any, a: Any, tau: Any) -> None:
+    """tau (n,) <- forces along all coordinates and states at (q, v, a); leaves the state there."""
+    dy.inverse_dynamics_at_solution(0.0, q, v, a, np.zeros(0), compiled.kernel_data)
+    dy.gather_free(compiled.data.state.tau, compiled.data.arrays, tau)
+
+
+def expect_exact(compiled: CompiledMechanism, v: Any, c1: float, c2: float) -> None:
+    """The structured tangent at the start with velocities and states v (n,) is that of differences."""
+    q, x = compiled.assembly.start_positions(), np.random.default_rng(3).normal(size=compiled.system.n)
+    tangent = compiled.tangent(groups_of(compiled, 1))
+    T = moving_differences(compiled, q, v, c1, c2)
+    assert tangent.factor(c1, c2)
+    np.testing.assert_allclose(tangent.solve(T @ x), x, rtol=0.0, atol=1e-6 * np.abs(x).max())
+
+
+def test_bristles_of_joints_at_rest() -> None:
+    """One and three first-order states, along a second coordinate, and of a joint that a drive moves."""
+    m, body = Mechanism(), {"mass": 1.0, "inertia": (1.0, 2.0, 3.0), "com": (0.3, 0.1, 0.2)}
+    friction = {"coulomb": 2.0, "viscous": 0.3, "deflection": 0.1}
+    slide = m.body("slide", m.ground, Translational(axis="x"), **body)
+    driven = m.body("driven", slide, Revolute(axis="y", drive=Harmonic(amplitude=0.0, frequency=1.0)), **body)
+    guide = m.body("guide", driven, Cylindrical(axis="z"), **body)
+    ball = m.body("ball", guide, Spherical(at=(0.5, 0.0, 0.0)), **body)
+    for name, load, on in (
+        ("slide", JointFriction(static=3.0, stribeck=2.0, **friction), slide),
+        ("driven", JointFriction(**friction), driven),
+        ("guide", JointFriction(coordinate=1, **friction), guide),
+        ("ball", SphericalFriction(**friction), ball),
+    ):
+        m.force(name, load, on)
+    compiled = CompiledMechanism(m)
+    v = np.zeros(compiled.system.n)
+    v[compiled.system.states] = 0.4, 0.1, -0.5, 0.2, 0.3, -0.4  # elastic: they are below the breakaway force
+    expect_exact(compiled, v, 3.0, 20.0)
+
+
+def test_bristles_of_joints_that_slide() -> None:
+    """Sliders on sliders, which have no velocity products: the derivatives of what slides are exact, too."""
+    m, parent = Mechanism(), None
+    for k in range(4):
+        parent = m.body(f"slider{k}", parent or m.ground, Translational(axis="x"), mass=1.0 + k)
+        law = JointFriction(coulomb=2.0, static=3.0, stribeck=0.7, viscous=0.2, deflection=0.1)
+        m.force(f"friction{k}", law, parent)
+    compiled = CompiledMechanism(m)
+    v = np.array([0.5, -0.3, 0.8, 0.2, 1.1, -1.2, 1.3, -0.9])  # the last bristle is deflected against the slip
+    expect_exact(compiled, v, 3.0, 20.0)
 
 
 @given(case=cases(forces=True))

@@ -90,3 +90,37 @@ def test_native_fmu_of_friction_that_follows_the_reaction(tmp_path: Path) -> Non
         assert found["force"][-1] == pytest.approx(2.0 * acceleration - 10.0, rel=1e-6), kind
         found = simulate_fmu(str(path), start_values={"offset": 0.8}, **how)
         assert abs(found["x"][-1]) < 3e-5, kind
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stack(mb.Model):
+    """Blocks that slide on each other until friction stops them, more of them than small models have."""
+
+    friction: float = mb.parameter(2.0, unit="N", min=0.01, doc="Friction between two blocks")
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism()
+        block = m.ground
+        for k in range(62):
+            joint = mb.Translational(axis="x", nominal=1.0, rate=0.5 * (-1.0) ** k)
+            block = m.body(f"block{k}", block, joint, mass=1.0 + 0.1 * (k % 7))
+            law = mb.JointFriction(coulomb=self.friction, viscous=0.1, deflection=1e-3)
+            m.force(f"friction{k}", law, block)
+        m.output("x", block.position("x"))
+        m.output("energy", m.energy)
+        return m
+
+
+@needs_compiler
+def test_native_fmu_of_a_large_tree_with_friction(tmp_path: Path) -> None:
+    settings = mb.Settings(solver="ida", tolerance=1e-6)
+    path = export(Stack(), tmp_path / "stack.fmu", settings, native=True)
+    for friction in (2.0, 3.0):
+        start = {"friction": friction}
+        found = simulate_fmu(
+            str(path), stop_time=0.5, output_interval=0.05, start_values=start, fmi_type="CoSimulation"
+        )
+        simulation = mb.Simulation(Stack(friction=friction), settings)
+        for row in found[1:]:
+            assert simulation.advance(row["time"]).ok
+            assert [row["x"], row["energy"]] == simulation.outputs()[:2].tolist(), friction

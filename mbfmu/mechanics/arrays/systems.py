@@ -16,7 +16,7 @@ from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_co
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe_all
-from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, find_groups
+from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, find_groups, has_local_states
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.positions import Positions, place_states
@@ -75,9 +75,10 @@ class Systems:
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
         self._nonholonomic = np.array([own for c in mechanism.constraints for own in c.nonholonomic], bool)
-        # the structured tangent of large models contains neither flexible bodies nor first-order states
-        self._has_tangent = not mechanism.flexible_bodies and not numbering.states
-        self._large = self._has_tangent and numbering.nv > limit
+        # flexible bodies, and steady states of models with first-order states, require matrices
+        self._needs_matrices = bool(mechanism.flexible_bodies or numbering.states)
+        self._has_tangent = not mechanism.flexible_bodies and has_local_states(mechanism.loads())
+        self._large = not self._needs_matrices and numbering.nv > limit
         if self._nonholonomic.any() and numbering.nv > MAX_DENSE_TREE_COORDINATES:
             wheel = next(handle.name for handle in mechanism.cuts if handle.cut.nonholonomic)
             raise UserError(
@@ -145,20 +146,22 @@ class Systems:
             evaluate_energy_bound=recursions.evaluate_energy_bound if is_real else None,
             evaluate_outputs=recursions.evaluate_outputs if is_real else None,
             recursions=self._recursions if self._has_recursions(constraint_names) else None,
+            has_tangent=self._has_tangent,
         )
 
     def _has_recursions(self, constraint_names: list[str]) -> bool:
         """Whether a mechanism that is solved by matrices can be solved by recursions, too."""
         if self._numbering.bearings:  # friction that follows reactions is determined with the mass matrix
             return False
-        return not self._has_tangent and not constraint_names and not self._mechanism.meshes
+        return self._needs_matrices and not constraint_names and not self._mechanism.meshes
 
     def _recursions(self) -> TreeSystem:
-        """Return the recursions of a tree without a structured tangent, for explicit solvers."""
+        """Return the recursions of a tree that is solved by matrices, too; see :attr:`System.recursions`."""
         return TreeSystem(
             **self._common([], self._elements.data),
             **_tree_equations(),
-            make_tangent=MissingTangent,
+            make_tangent=self.tangent if self._has_tangent else MissingTangent,
+            complex_step=self._complex_step,
             mesh_mask=np.zeros(self._numbering.nv, bool),
         )
 

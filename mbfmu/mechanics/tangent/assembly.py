@@ -18,8 +18,8 @@ from .border import project_border, set_equations
 from .condensation import condense
 from .filling import fill
 from .joints import add_own_geometric_stiffness, add_parent_geometric_stiffness
-from .loads import joint_stiffness
 from .solving import solve_within
+from .states import add_coordinate_stiffness, set_armature_stiffness
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Integers, Reals
@@ -89,7 +89,11 @@ def factor(c1: float, c2: float, symmetric: bool, averaged: bool, tangent: Tange
         perturbed.q[i] = state.q[i]
     for i in range(state.v.shape[0]):
         perturbed.v[i] = state.v[i]
-    joint_stiffness(c1, c2, tangent.layout, tangent.arrays, state, perturbed, scratch.along)
+    set_armature_stiffness(c2, tangent.arrays, scratch.along)
+    if not add_coordinate_stiffness(
+        c1, c2, tangent.layout, tangent.arrays, state, perturbed, scratch.along, tangent.states
+    ):
+        return False
     clear_coupling_block(scratch.coupling_block)
     reset(symmetric, averaged, tangent.factors)
     tangent.n_factored[0] += 1

@@ -205,3 +205,5 @@ def inertia_forces(arrays: Arrays, state: State, a: Reals, tau: Reals) -> None:
         if body.parent > 0:
             parent = state.bodies[body.parent]
             add_wrench(parent.W, here.r[0] - parent.r[0], here.r[1] - parent.r[1], here.r[2] - parent.r[2], here.W)
+    for k in range(a.shape[0] - arrays.world[0].states, a.shape[0]):
+        tau[k] = a[k]

@@ -19,6 +19,7 @@ from .groups import Groups
 from .inertia import count_negative
 from .layout import Layout, lay_out
 from .solving import TangentData, Unknowns, multiply_mass, solve
+from .states import StateTerms
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
@@ -53,14 +54,14 @@ def tangent_callbacks(tangent: Any) -> TangentCallbacks:
 def empty_tangent() -> Any:
     """Return the data of a tangent of one body, pinned: an example of the types that every tangent has."""
     (arrays, state), z, integers = empty_data(), np.zeros, np.int64
-    layout = Layout(**{name: z((1, 2) if name == "along" else 1, integers) for name in Layout._fields})
+    layout = Layout(**{name: z((1, 4) if name == "along" else 1, integers) for name in Layout._fields})
     border = Border.of(layout._replace(columns=z(1, integers)), 1)
     return pin(
         TangentData(
             pin(layout), pin(arrays), pin(state), pin(copy_state(state)), pin(to_complex_state(state)),
             pin(TangentScratch.allocate([1], [1], [-1], 1, 1, 1, 6, 1)),
-            pin(Unknowns.allocate([1], [z(1, integers)], 1, 1)), pin(border), pin(Factors.allocate([1], [-1])),
-            z(1, integers),
+            pin(Unknowns.allocate([1], [z(1, integers)], 1, 1)), pin(border), pin(StateTerms.allocate(1, 1)),
+            pin(Factors.allocate([1], [-1])), z(1, integers),
         )
     )  # fmt: skip
 
@@ -88,20 +89,20 @@ class Tangent:
     def __init__(self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting]) -> None:
         self.symmetric = all(a.load.symmetric for a in acting)
         self.layout, kept, sizes = lay_out(arrays, groups, acting)
-        free = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum())
+        free, states = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum()), int(arrays.world["states"][0])
         self.n_locked = (sum(len(own) for own in kept) - free) // 2  # directions that joints lock
         inward, nv, nb = self.layout.inward.tolist(), int(arrays.bodies["nv"].sum()), len(arrays.bodies)
         counts, m = [len(own) for own in kept], int(arrays.kept.max(initial=-1)) + 1
         load_rows, columns = 6 * int(np.diff(self.layout.first_body).max(initial=0)), int(self.layout.columns.sum())
-        self._border, self._factors = Border.of(self.layout, free), Factors.allocate(counts, inward)
+        self._border, self._factors = Border.of(self.layout, free + states), Factors.allocate(counts, inward)
         self._scratch = TangentScratch.allocate(sizes, counts, inward, nb, nv, m, load_rows, columns)
         self._count = np.zeros(1, np.int64)
         own = state._replace(S=state.S[:0], U=state.U[:0], D=state.D[:0])
         self.data = pin(
             TangentData(
                 pin(self.layout), pin(arrays), pin(state), pin(copy_state(state)), pin(to_complex_state(own)),
-                pin(self._scratch), pin(Unknowns.allocate(sizes, kept, nb, nv)), pin(self._border), pin(self._factors),
-                self._count,
+                pin(self._scratch), pin(Unknowns.allocate(sizes, kept, nb, nv)), pin(self._border),
+                pin(StateTerms.allocate(states, free + states)), pin(self._factors), self._count,
             )
         )  # fmt: skip
         self.callbacks = tangent_callbacks(self.data)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from .groups import Groups
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.loading import Acting
+    from mbfmu.mechanics.loads.base import Load
     from mbfmu.mechanics.records import Arrays
 
 FIXED, INNER, OUTER = 0, 1, 2  # does not move; condensed onto its parent, in its group; tied to it by its own motion
@@ -43,7 +44,8 @@ class Layout(NamedTuple):
     steps: NDArray[np.int64]  # loads that are differentiated by complex steps, at home and elsewhere
     first_body: NDArray[np.int64]  # (loads + cuts + couplings + 1,) into ``bodies``
     bodies: NDArray[np.int64]  # of every load, every cut joint and every coupling: a, its parent, b, its parent
-    along: NDArray[np.int64]  # (k, 2) loads along the coordinate of a joint, and whose
+    along: NDArray[np.int64]  # (k, 4) loads along coordinates of joints: load, body, number of the coordinate, number
+    # of the first-order state that belongs to it; -1: none
     column: NDArray[np.int64]  # (nb,) first in the border, of a loose body that is away from home somewhere; -1: none
     columns: NDArray[np.int64]  # (nb,) how many: its coordinate alone where its parent rests, else its six motions
 
@@ -110,7 +112,7 @@ def lay_out(
     cuts = by_group(ties, role, found)
     pairs = [[i for end in "ab" for i in coupled_bodies(arrays, coupling, end)] for coupling in arrays.couplings]
     couplings = by_group(pairs, role, found)
-    along = [(k, a.bodies[0].index) for k, a in enumerate(acting) if a.load.on_joint]
+    along = loads_along_coordinates(acting)
     layout = Layout(
         role=role,
         group=groups,
@@ -132,11 +134,32 @@ def lay_out(
         steps=flat_list(steps),
         first_body=offsets(on + ties + pairs),
         bodies=flat_list(on + ties + pairs),
-        along=np.array(along, np.int64).reshape(-1, 2),
+        along=np.array(along, np.int64).reshape(-1, 4),
         column=column,
         columns=columns,
     )
     return layout, kept, sizes
+
+
+def has_local_states(acting: Iterable[Acting]) -> bool:
+    """Whether every first-order state belongs to one coordinate of the joint that its load acts along."""
+    return all(not a.load.states or is_local(a.load) for a in acting)
+
+
+def is_local(load: Load) -> bool:
+    """Whether a load acts along the coordinates of a joint, with a first-order state for each."""
+    return load.on_joint and len(load.states) == len(load.coordinates)
+
+
+def loads_along_coordinates(acting: Sequence[Acting]) -> list[tuple[int, int, int, int]]:
+    """Return the rows of :attr:`Layout.along`."""
+    rows, first = [], 0
+    for k, a in enumerate(acting):
+        if a.load.on_joint:
+            local = is_local(a.load)
+            rows += [(k, a.bodies[0].index, c, first + j if local else -1) for j, c in enumerate(a.load.coordinates)]
+        first += len(a.load.states)
+    return rows
 
 
 def coupled_bodies(arrays: Arrays, coupling: Any, end: str) -> list[int]:

@@ -30,26 +30,3 @@ def stiffness(e: int, c1: float, layout: Layout, arrays: Arrays, state: State, p
             F = perturbed.bodies[layout.bodies[first + p]].F
             for k in range(6):
                 K[6 * p + k, j] = -F[k].imag / COMPLEX_STEP_SIZE
-
-
-@kernel
-def joint_stiffness(
-    c1: float, c2: float, layout: Layout, arrays: Arrays, state: State, perturbed: State, along: Reals
-) -> None:
-    """along (nv,): stiffness of the loads that act along coordinates, by the coordinate itself, and c2 times the
-    armature of the joint.
-    """
-    for i in range(along.shape[0]):
-        along[i] = 0.0
-    for i in range(1, arrays.bodies.shape[0]):
-        if arrays.bodies[i].armature != 0.0:
-            along[arrays.bodies[i].vi] = c2 * arrays.bodies[i].armature
-    for k in range(layout.along.shape[0]):
-        body = arrays.bodies[layout.along[k, 1]]
-        q, v = body.qi, body.vi
-        perturbed.q[q] = state.q[q] + COMPLEX_STEP_SIZE * 1j
-        perturbed.v[v] = state.v[v] + c1 * COMPLEX_STEP_SIZE * 1j
-        perturbed.Q[v] = 0.0
-        apply_load(arrays.loads[layout.along[k, 0]], state.time[0], arrays, perturbed)
-        along[v] -= perturbed.Q[v].imag / COMPLEX_STEP_SIZE
-        perturbed.q[q], perturbed.v[v] = state.q[q], state.v[v]

@@ -14,6 +14,7 @@ from solvers.system import Array
 
 from .border import add_border
 from .condensation import gather_motion, inertia_forces, spread_load
+from .states import condense_states, expand_states
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -50,6 +51,7 @@ class TangentData(NamedTuple):
     scratch: Any  # .assembly.TangentScratch
     unknowns: Any  # Unknowns
     border: Any  # .border.Border
+    states: Any  # .states.StateTerms
     factors: Any  # solvers.linalg.blocks.Factors
     n_factored: NDArray[np.int64]  # (1,) how often T has been factored
 
@@ -64,8 +66,11 @@ def solve(r: Reals, tangent: TangentData, dq: Reals) -> None:
 @kernel
 def solve_within(r: Reals, tangent: TangentData, dq: Reals) -> None:
     """dq (n,) with T dq = r, T without its border."""
-    unknowns = tangent.unknowns
-    spread_load(r, unknowns.base, tangent.layout, tangent.arrays, tangent.state, unknowns.dual, unknowns.b)
+    unknowns, has_states = tangent.unknowns, tangent.arrays.world[0].states > 0
+    if has_states:
+        condense_states(r, tangent.layout, tangent.arrays, tangent.states)
+    load = tangent.states.load if has_states else r
+    spread_load(load, unknowns.base, tangent.layout, tangent.arrays, tangent.state, unknowns.dual, unknowns.b)
     for i in range(unknowns.rows.shape[0]):
         unknowns.x[i] = unknowns.b[unknowns.rows[i]]
     solve_blocks(tangent.factors, unknowns.x)
@@ -74,6 +79,8 @@ def solve_within(r: Reals, tangent: TangentData, dq: Reals) -> None:
     gather_motion(
         unknowns.b, unknowns.base, tangent.layout, tangent.arrays, tangent.state, unknowns.dual, unknowns.motions, dq
     )
+    if has_states:
+        expand_states(r, tangent.layout, tangent.arrays, tangent.states, dq)
 
 
 @kernel

@@ -19,7 +19,7 @@ from solvers.compiled.record import f8, i8
 from solvers.energy_account import energy_check_scheduled, update_energy_bound
 from solvers.inertia import clear_growth, tolerance_factor, update_tree_growth
 from solvers.outcome import NO_MASS, NOT_FINITE, OK
-from solvers.positions import position_sizes
+from solvers.positions import count_velocities, position_sizes, set_coordinate_rates
 from solvers.resolution import start_rate
 from solvers.steppers.step_loop import StepSettingsRecord
 from solvers.steppers.tree import RATE_TOLERANCE_RATIO
@@ -151,10 +151,10 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
         if evaluate(integration, t, scratch.a) != OK:
             for k in range(scratch.a.shape[0]):
                 scratch.a[k] = 0.0
-        settings.rate = start_rate(known, duration, scratch.size, integration.v, scratch.a)
+        moving = count_velocities(scratch.positions, integration.v.shape[0])
+        settings.rate = start_rate(known, duration, scratch.size, integration.v[:moving], scratch.a)
     position_sizes(scratch.positions, scratch.size, scratch.size_q)
-    for k in range(scratch.coordinate_rates.shape[0]):
-        scratch.coordinate_rates[k] = RATE_TOLERANCE_RATIO * settings.rate
+    set_coordinate_rates(scratch.positions, RATE_TOLERANCE_RATIO * settings.rate, scratch.coordinate_rates)
     integration.scales.mean_count[0] = 1 if scratch.inertia[0].watched == 1 else history.y.shape[0] - 1
     set_tolerance_units(history, settings.atol, scratch, integration.scales)
     clear_growth(scratch)

@@ -104,7 +104,9 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
     own, control = work.constraints, integration.memory.control[0]
     control.rank, control.keeps_factors = own.root.shape[0], settings.is_smooth
     position_sizes(work.positions, work.size, work.size_q)
-    settings.rate = find_rate(eqs, t, integration.q, integration.v, work.size, known, duration, own)
+    settings.rate = find_rate(
+        eqs, t, integration.q, integration.v, integration.v.shape[0], work.size, known, duration, own
+    )
     rate = ESDIRK_RATE_TOLERANCE_RATIO * settings.rate
     set_mesh_scales(
         scales, settings.rtol, settings.atol, work.size, rate, work.size.shape[0], ESDIRK_RATE_TOLERANCE_RATIO

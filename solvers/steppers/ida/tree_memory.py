@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import ENERGY_ACCOUNT, set_mesh_scales, set_uniform_scales
+from solvers.energy_account import ENERGY_ACCOUNT, set_energy_scales, set_mesh_scales
 from solvers.inertia import InertiaRecord, clear_growth
 from solvers.outcome import NOT_FINITE, OK
-from solvers.positions import Positions, position_sizes
+from solvers.positions import Positions, count_velocities, position_sizes, set_coordinate_rates
 from solvers.projection.tree_constraints import (
     ConstraintScratch,
     find_rate,
@@ -156,9 +156,9 @@ def set_up(problem: Integration, t: float, known: float, duration: float) -> int
     control, progress = problem.memory.control[0], problem.memory.progress[0]
     control.t, control.rank, progress.t_reached, progress.t_begun = t, work.constraints.root.shape[0], t, t
     position_sizes(work.positions, work.size, work.size_q)
-    settings.rate = find_rate(eqs, t, problem.q, problem.v, work.size, known, duration, work.constraints)
-    for i in range(work.coordinate_rates.shape[0]):
-        work.coordinate_rates[i] = settings.rate
+    moving = count_velocities(work.positions, problem.v.shape[0])
+    settings.rate = find_rate(eqs, t, problem.q, problem.v, moving, work.size, known, duration, work.constraints)
+    set_coordinate_rates(work.positions, settings.rate, work.coordinate_rates)
     set_tolerances(problem)
     clear_growth(work)
     code: int = project_state(eqs, t, problem.q, problem.v, work.size, work.constraints)
@@ -178,19 +178,28 @@ def set_tolerances(problem: Integration) -> None:
         work.own.reduced.metric[i] = work.size[i] ** 2
     work.own.reduced.length_rate[0] = QUATERNION_LENGTH_RATE * settings.rate
     problem.memory.progress[0].min_step = STANDSTILL_RATIO / settings.rate
-    rate = (MESH_RATE_TOLERANCE_RATIO if settings.max_order <= MAX_MESH_ORDER else RATE_TOLERANCE_RATIO) * settings.rate
+    ratio = MESH_RATE_TOLERANCE_RATIO if settings.max_order <= MAX_MESH_ORDER else RATE_TOLERANCE_RATIO
     for i in range(N):
         atol[i] = MULTIPLIER_TOLERANCE
     for i in range(nq):
         atol[i] = part * (settings.atol * work.size_q[i])
+    moving = count_velocities(work.positions, n)
     for i in range(n):
+        rate = ratio * settings.rate if i < moving else 1.0
         atol[nq + i] = part * (rate * (settings.atol * work.size[i]))
     if settings.has_mesh == 1:
         set_mesh_scales(
-            problem.scales, settings.motion_rtol, settings.atol, work.size, rate, N, MESH_RATE_TOLERANCE_RATIO
+            problem.scales,
+            settings.motion_rtol,
+            settings.atol,
+            work.size,
+            ratio * settings.rate,
+            N,
+            MESH_RATE_TOLERANCE_RATIO,
         )
     else:
-        set_uniform_scales(problem.scales, settings.motion_rtol, settings.atol, work.size, settings.rate, 1)
+        problem.scales.rtol[0] = settings.motion_rtol
+        set_energy_scales(problem.scales, settings.atol, work.size, work.coordinate_rates)
     for i in range(N):
         work.tolerances[0, i] = settings.motion_rtol if settings.is_smooth == 0 else settings.rtol
         work.tolerances[1, i], work.tolerances[2, i] = atol[i], np.inf

@@ -1,0 +1,83 @@
+"""Joint friction in large trees, against the equations of motion in absolute coordinates, which SciPy integrates."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import mbfmu as mb
+from mbfmu.session.simulation import Settings, Simulation
+from solvers.steppers.ida.tree import TreeIDAStepper
+
+BLOCKS, DURATION = 62, 1.0  # more coordinates than small models have; s
+COULOMB, STATIC, VISCOUS = 2.0, 3.0, 0.1  # N, N, N s/m
+STIFFNESS, DAMPING_RATIO, BETA = 30.0, 0.7, 0.9  # N/m; of the bristle, Dupont et al. 2002
+
+
+def start(size: float) -> tuple[Any, Any, Any]:
+    """Masses, and displacements and velocities of every block against the one below it, for blocks of a size in m."""
+    rng = np.random.default_rng(7)
+    return rng.uniform(0.5, 2.0, BLOCKS), size * rng.uniform(-0.2, 0.2, BLOCKS), size * rng.uniform(-1.0, 1.0, BLOCKS)
+
+
+def stack(size: float) -> mb.Mechanism:
+    """A stack of blocks that slide on each other along one line, held by springs."""
+    m, parent = mb.Mechanism(), None
+    for k, (mass, x, v) in enumerate(zip(*start(size), strict=True)):
+        joint = mb.Translational(axis="x", start=x, rate=v, fixed=True, nominal=size)
+        block = m.body(f"block{k}", parent or m.ground, joint, mass=mass)
+        m.force(f"spring{k}", mb.JointSpring(stiffness=STIFFNESS), block)
+        m.force(
+            f"friction{k}",
+            mb.JointFriction(
+                coulomb=size * COULOMB, static=size * STATIC, stribeck=0.3 * size, viscous=VISCOUS,
+                deflection=2e-3 * size,
+            ),
+            block,
+        )  # fmt: skip
+        parent = block
+    assert parent is not None
+    m.output("top", parent.position("x"), "Position of the uppermost block")
+    m.output("last", parent.coordinate(), "Displacement of the uppermost block on the one below")
+    return m
+
+
+@cache
+def reference() -> tuple[Any, Any]:
+    """Positions of all blocks at the end, in units of the size, and their bristles."""
+    masses, x, v = start(1.0)
+    moved = 1.0 / (1.0 / masses + np.append(0.0, 1.0 / masses[:-1]))  # of two blocks that move against each other
+    tau, d = 2.0 * DAMPING_RATIO * np.sqrt(moved * 2e-3 / COULOMB), 2e-3
+
+    def rates(t: float, y: Any) -> Any:
+        x, v, z = y.reshape(3, BLOCKS)
+        displaced, slip = np.diff(x, prepend=0.0), np.diff(v, prepend=0.0)
+        g = 1.0 + (STATIC / COULOMB - 1.0) * np.exp(-((slip / 0.3) ** 2))
+        s = np.clip((np.abs(z) / g - BETA) / (1.0 - BETA), 0.0, 1.0)
+        alpha = np.where(slip * z > 0.0, s * s * (3.0 - 2.0 * s), 0.0)
+        z_rate = (slip - alpha * np.abs(slip) * z / g) / d
+        friction = COULOMB * (z + tau * z_rate / (1.0 + (tau * slip / d) ** 2)) + VISCOUS * slip
+        force = friction + STIFFNESS * displaced
+        return np.concatenate((v, (np.append(force[1:], 0.0) - force) / masses, z_rate))
+
+    y = np.concatenate((np.cumsum(x), np.cumsum(v), np.zeros(BLOCKS)))
+    found = solve_ivp(rates, (0.0, DURATION), y, method="DOP853", rtol=1e-10, atol=1e-12)
+    assert found.success
+    x, _, z = found.y[:, -1].reshape(3, BLOCKS)
+    return x, z
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("solver", ["ida", "adams"])
+def test_blocks_that_slide_on_each_other(solver: str, size: float) -> None:
+    positions, bristles = reference()
+    simulation = Simulation(stack(size), Settings(solver=solver, tolerance=1e-7), duration=DURATION)
+    assert isinstance(simulation.stepper, TreeIDAStepper) is (solver == "ida")
+    assert simulation.advance(DURATION).ok
+    q, v = simulation.stepper.q, simulation.stepper.v
+    assert np.abs(np.cumsum(q) / size - positions).max() < 1e-5
+    assert np.abs(v[BLOCKS:] - bristles).max() < 1e-4
