@@ -127,7 +127,7 @@ class Systems:
 
     def _has_left_loops(self, constraint_names: list[str]) -> bool:
         """Whether locked joints leave a large model without loops, which is a large tree for all solvers."""
-        return self._has_tangent and not constraint_names and self._model_size[0] > MAX_DENSE_TREE_COORDINATES
+        return not self._needs_matrices and not constraint_names and self._model_size[0] > MAX_DENSE_TREE_COORDINATES
 
     def make_complex(self, constraint_names: list[str]) -> System:
         """Return the system as it is now on complex numbers, for derivatives by complex step."""
