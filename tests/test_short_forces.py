@@ -40,6 +40,22 @@ def test_a_spike_of_a_force_is_not_passed(solver, tolerance: float):
     assert not result.warning
 
 
+def test_a_restart_at_a_communication_point_holds_for_the_next_step():
+    """Closed form, as above. The end of the first communication step is the time at which the force begins."""
+    m = sled_with_spike()
+    m.events.clear()
+    begin, exact = PLACE - EDGE, np.sqrt(1.0 + 2.0 * FORCE * WIDTH * np.sqrt(np.pi))
+    m.event("enter", at=begin, then=mb.Restart())
+    m.event("leave", m.bodies[1].coordinate(), crosses=PLACE + EDGE, then=mb.Restart())
+    simulation = Simulation(m, Settings(solver="adams", tolerance=1e-6))
+    simulation.advance(begin)
+    state = simulation.save()
+    for _ in range(2):
+        simulation.advance(9.0)
+        assert simulation.outputs()[0] == pytest.approx(exact, abs=2e-5)
+        simulation.restore(state)
+
+
 def test_the_limit_of_the_steps_is_part_of_a_saved_run():
     """The state is saved between the event and the force."""
     simulation = Simulation(sled_with_spike(), Settings(solver="adams", tolerance=1e-6))

@@ -31,6 +31,7 @@ from . import layout, start_checks
 from .contents import Contents, contents_for
 from .curves import Shifted
 from .entries import Instance, called_in_steps, family_of, has_events, image_of, uses_sundials
+from .event_memory import event_parameters, refuse_constant_parameters
 from .exchange_states import (
     ExchangeState,
     Indicator,
@@ -119,6 +120,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     instance, image = image_of(simulation, differentiates)
     why = "the FMU is made for one run" if for_one_run else explain_missing_search(simulation)
     settable = _nothing_settable(model, why) if why else find_settable(model)
+    refuse_constant_parameters(simulation.compiled.mechanism.events, settable.ranges, settable.fixed)
     frozen = {name: why for name, why in settable.fixed.items() if not _structural(model, name)}
     variables = tuple(
         _native_variable(v, model, settable, settings.solver)
@@ -233,7 +235,7 @@ class _File:
             "direction_inputs": image.at(instance.linearization.inputs),
             "derivative_slopes": image.at(instance.linearization.slopes),
             "derivative_outputs": image.at(instance.linearization.outputs),
-            "events": image.at(instance.events.control),
+            "events": image.at(instance.events.control), "event_values": image.at(instance.events.parameters),
             "indicators": image.at(instance.search.points) + place_of_indicators(instance.search),
         }  # fmt: skip
         control = instance.given.memory.control
@@ -264,6 +266,7 @@ class _File:
         ]
         mechanism, inputs = self._simulation.compiled.mechanism, self._simulation.compiled.inputs
         rows["events"] = [(self._add_text(event.name),) for event in self._simulation.compiled.mechanism.events]
+        rows["event_parameters"] = [(self._references[name],) for name in event_parameters(mechanism)]
         rows["free_rates"] = [
             (self._add_text(body.name if body.joint.rate is None else ""),)
             for body in free_bodies(mechanism)

@@ -146,7 +146,7 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     first = session, session.inputs, *state, *buffers, own, shared_eqs, shared, start
     events = memory_of(compiled)
     search = search_memory(compiled)._replace(crossed=events.crossed)
-    examined = search, events, StepBegin.allocate(), sampled_memory(compiled)
+    examined = search, events, StepBegin.allocate(len(search.sides)), sampled_memory(compiled)
     return Instance(*first, *settings, *places, *more, *examined)
 
 
@@ -227,7 +227,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
             "not-native",
         )
     events = simulation.compiled.mechanism.events
-    refuse_unsupported(events, *supported_events(simulation))
+    refuse_unsupported(simulation.compiled, *supported_events(simulation))
     instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
     compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
     tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
@@ -258,7 +258,8 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     state += [array for array in arrays if array is not arrays.kernels]
     state += instance.exchange.memory()
     step_begin = instance.step_begin
-    snapshot = (step_begin.state, step_begin.copy, instance.events.control) if has_events(compiled) else None
+    restarts = any(event.restarts for event in events)
+    snapshot = step_begin.snapshot(instance.events.control, restarts) if has_events(compiled) else None
     return instance, MemoryImage(instance, state, tables, snapshot)
 
 

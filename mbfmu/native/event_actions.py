@@ -19,6 +19,8 @@ from .event_memory import (
     END_RUN,
     LOCK,
     NO_FAILURE,
+    NO_ROW,
+    RESTART,
     RESTING,
     TOO_MANY,
     EventMemory,
@@ -33,6 +35,9 @@ def begin_events(events: EventMemory, t: float) -> None:
     """Begin at t, s: events of times before do not occur."""
     control = events.control[0]
     control.ended, control.failure, control.count, control.changed = 0, NO_FAILURE, 0, 0
+    control.row, control.restarts = NO_ROW, 0
+    for k in range(events.parameters.shape[0]):
+        events.parameters[k] = np.nan
     for k in range(events.times.shape[0]):
         events.done[k] = 1 if events.times[k] < t else 0
     for k in range(events.recent.shape[0]):
@@ -196,11 +201,24 @@ def solve_impacts(events: EventMemory) -> int:
 
 @kernel
 def end_if_requested(events: EventMemory) -> None:
-    """Note that the run ends if one of the events that are due ends it."""
+    """Note that the run ends, or the solver restarts, if one of the events that are due requests it."""
     for row in range(events.actions.shape[0]):
         action = events.actions[row]
         if action.kind == END_RUN and events.due[action.event] == 1:
             end_by_event(events, action.event)
+        elif action.kind == RESTART and events.due[action.event] == 1:
+            events.control[0].restarts = 1
+
+
+@kernel
+def is_restart_found(events: EventMemory, search: EventSearch) -> bool:
+    """Whether the search has found the crossing of an event that restarts the solver."""
+    is_any = False
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        for k in range(events.sensed.shape[0] if action.kind == RESTART else 0):
+            is_any = is_any or (events.sensed[k] == action.event and search.found[k] == 1)
+    return is_any
 
 
 @kernel

@@ -20,7 +20,7 @@ from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regul
 from solvers.projection.workspace import evaluate_and_factor
 
 from .event_actions import fill_approach_rates, fill_slopes, solve_impacts, stop_by_event
-from .event_memory import BOUNCE, MASSLESS, NO_FAILURE, NOT_LOCKED, PRESCRIBED, SINGULAR
+from .event_memory import BOUNCE, MASSLESS, NO_FAILURE, NOT_LOCKED, PRESCRIBED, SINGULAR, EventMemory
 
 
 class Jumps(NamedTuple):
@@ -130,26 +130,61 @@ def is_locked(instance: Any, velocity: int) -> bool:
     return found
 
 
+@kernel
+def mark_hit_stops(events: EventMemory) -> bool:
+    """Mark the sensors whose stops are due; return whether there are any."""
+    is_any = False
+    for k in range(events.hit.shape[0]):
+        events.hit[k] = 0
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if action.kind == BOUNCE and events.due[action.event] == 1:
+            events.hit[action.place], is_any = 1, True
+    return is_any
+
+
+@kernel
+def fill_demand(instance: Any) -> None:
+    """Fill the changes of the rates of sensors that their stops require."""
+    events = instance.events
+    fill_approach_rates(instance, instance.v, events.demand)
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if action.kind == BOUNCE and events.hit[action.place] == 1:
+            rate = events.demand[action.place]
+            events.demand[action.place] = rate + events.values[row] * max(rate, 0.0)
+
+
+@kernel
+def fill_effects(events: EventMemory) -> None:
+    """Fill the changes of the rates of sensors by unit impulses of the stops that are hit."""
+    n, count = events.impulse.shape[0], events.sensed.shape[0]
+    for k in range(count):
+        for j in range(count):
+            events.effects[k, j] = 0.0
+            for i in range(n):
+                events.effects[k, j] -= events.slopes[k, i] * events.responses[j, i] if events.hit[j] == 1 else 0.0
+
+
+@kernel
+def combine_responses(events: EventMemory, dv: Any) -> None:
+    """Fill the jump of the velocities (n,) by the impulses of all stops that are hit."""
+    for i in range(dv.shape[0]):
+        dv[i] = 0.0
+        for k in range(events.sensed.shape[0]):
+            dv[i] += events.impulses[k] * events.responses[k, i] if events.hit[k] == 1 else 0.0
+
+
 def jump_kernels(jumps: Jumps) -> JumpKernels:
     """Return what events do to the velocities in a family."""
     prepare, respond = jumps.prepare, jumps.respond
 
     @jit_uncached
-    def bounce(instance: Any) -> bool:
-        """Fill the jump by the impacts of the stops that are due; False: there is none, or it stops the run."""
-        events, is_any = instance.events, False
-        n, count = events.impulse.shape[0], events.sensed.shape[0]
-        for k in range(count):
-            events.hit[k] = 0
-        for row in range(events.actions.shape[0]):
-            action = events.actions[row]
-            if action.kind == BOUNCE and events.due[action.event] == 1:
-                events.hit[action.place], is_any = 1, True
-        if not is_any:
-            return False
-        fill_slopes(instance)
+    def fill_responses(instance: Any) -> bool:
+        """Fill the jumps by unit impulses of the stops that are hit; False: one of them stops the run."""
+        events, n = instance.events, instance.events.impulse.shape[0]
         failure = prepare(instance)
-        for k in range(count):
+        for k in range(events.sensed.shape[0]):
             if events.hit[k] == 0:
                 continue
             for i in range(n):
@@ -161,25 +196,24 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
                 return False
             for i in range(n):
                 events.responses[k, i] = instance.dv[i]
-        fill_approach_rates(instance, instance.v, events.demand)
-        for row in range(events.actions.shape[0]):
-            action = events.actions[row]
-            if action.kind == BOUNCE and events.hit[action.place] == 1:
-                rate = events.demand[action.place]
-                events.demand[action.place] = rate + events.values[row] * max(rate, 0.0)
-        for k in range(count):
-            for j in range(count):
-                events.effects[k, j] = 0.0
-                for i in range(n):
-                    events.effects[k, j] -= events.slopes[k, i] * events.responses[j, i] if events.hit[j] == 1 else 0.0
+        return True
+
+    @jit_uncached
+    def bounce(instance: Any) -> bool:
+        """Fill the jump by the impacts of the stops that are due; False: there is none, or it stops the run."""
+        events = instance.events
+        if not mark_hit_stops(events):
+            return False
+        fill_slopes(instance)
+        if not fill_responses(instance):
+            return False
+        fill_demand(instance)
+        fill_effects(events)
         wrong = solve_impacts(events)
         if wrong >= 0:
             stop_by_event(events, events.sensed[wrong], PRESCRIBED)
             return False
-        for i in range(n):
-            instance.dv[i] = 0.0
-            for k in range(count):
-                instance.dv[i] += events.impulses[k] * events.responses[k, i] if events.hit[k] == 1 else 0.0
+        combine_responses(events, instance.dv)
         return True
 
     @jit_uncached

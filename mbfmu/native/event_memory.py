@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
-from mbfmu.mechanics.events import Action, Bounce, EndRun, Event, Impulse, Lock, Release, SetInput
+from mbfmu.mechanics.events import (
+    Action,
+    Bounce,
+    EndRun,
+    Event,
+    Impulse,
+    Lock,
+    Release,
+    Restart,
+    SetInput,
+    SetParameter,
+)
 from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
 from mbfmu.util.errors import UserError
 from solvers.compiled.record import Record, f8, i8
@@ -18,14 +29,17 @@ from solvers.system import Array
 if TYPE_CHECKING:
     from solvers.compiled.record import Table
 
-SET_INPUT, IMPULSE, END_RUN, BOUNCE, LOCK, RELEASE = range(6)  # kinds of actions
+SET_INPUT, IMPULSE, END_RUN, BOUNCE, LOCK, RELEASE, SET_PARAMETER, RESTART = range(8)  # kinds of actions
 ACTION_KINDS: dict[type[Action], int] = {
-    SetInput: SET_INPUT, Impulse: IMPULSE, EndRun: END_RUN, Bounce: BOUNCE, Lock: LOCK, Release: RELEASE
+    SetInput: SET_INPUT, SetParameter: SET_PARAMETER, Impulse: IMPULSE, Restart: RESTART, EndRun: END_RUN,
+    Bounce: BOUNCE, Lock: LOCK, Release: RELEASE,
 }  # fmt: skip
 # Codes of a step in addition to those of solvers.outcome: an event has ended the run, or stops it with an error
 RUN_ENDED_CODE, EVENT_FAILED = -10, -11
 NEVER_LOCKED = -1  # in place of the number of a joint that no event locks
 EVENT_REQUESTED_CODE = -12  # a completed step in model exchange has ended at an event
+PARAMETER_CODE = -13  # an event sets a parameter; the step continues when it is called again
+NO_ROW = -1  # in place of an action: none is left from an interrupted step
 # Why an event stops a run
 FAILURES = ("NONE", "TOO_MANY", "RESTING", "MASSLESS", "PRESCRIBED", "SINGULAR", "BEYOND", "NOT_LOCKED")
 NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND, NOT_LOCKED = range(len(FAILURES))
@@ -39,7 +53,11 @@ class EventControlRecord(Record):
     event: i8  # number of the event that has ended or stopped the run
     within: f8  # s, in which too many events have occurred
     count: i8  # number of events that have occurred
-    changed: i8  # 1: an input was set by the last events
+    changed: i8  # 1: an input or a parameter was set by the last events
+    row: i8  # action with which an interrupted step continues
+    parameter: i8  # number, among those of events, of the parameter to be set
+    value: f8  # its value
+    restarts: i8  # 1: the solver restarts before the next step
 
 
 class ActionRecord(Record):
@@ -47,7 +65,8 @@ class ActionRecord(Record):
 
     event: i8  # number of the event
     kind: i8
-    # number of the input; of the velocity on which an impulse acts; of the sensor of a bounce; of the joint of a lock
+    # number of the input, or of the parameter among those of events; of the velocity on which an impulse acts; of the
+    # sensor of a bounce; of the joint of a lock
     place: i8
 
 
@@ -69,7 +88,7 @@ class EventMemory(NamedTuple):
     numbers: Array  # values of the sensors (k,), times (m,), s, values of actions (a,)
     crossed: Array  # parts of it: (k,) values of the sensors
     times: Array  # (m,) s
-    values: Array  # (a,) values of inputs, impulses, coefficients of restitution
+    values: Array  # (a,) values of inputs and parameters, impulses, coefficients of restitution
     actions: Table[ActionRecord]  # (a,), in the order of the events and of their actions
     locks: Table[LockRecord]  # of the joints that events lock
     nominals: Array  # (k,) typical sizes of the sensors
@@ -77,6 +96,7 @@ class EventMemory(NamedTuple):
     timed: NDArray[np.int64]  # (m,) numbers of the events of given times
     done: NDArray[np.int64]  # (m,) 1: this event has occurred, or is before the start
     due: NDArray[np.int64]  # (events,) 1: the event is at the reported state
+    parameters: Array  # values of the parameters that events set; nan: no event has set it since it was given
     recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
     bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
     # scratch of impacts: of k sensors, n velocities, nq positions
@@ -99,24 +119,28 @@ class EventMemory(NamedTuple):
         timed: Sequence[int],
         events: int,
         nominals: Array,
+        parameters: int,
         sizes: tuple[int, int],
     ) -> EventMemory:
-        """Return events that have not begun; ``sizes`` are nq and n."""
+        """Return events that have not begun and set ``parameters``; ``sizes`` are nq and n."""
         k, m, z, i = len(sensed), len(timed), np.zeros, np.int64
         nq, n = sizes
         parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m :]
         which = actions, locks, nominals, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
-        history = z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1))
+        history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1))
         scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n), z(nq)
-        return EventMemory._make((EventControlRecord.zeros(1), *parts, *which, *history, *scratch))
+        control = EventControlRecord.zeros(1)
+        control["row"] = NO_ROW
+        return EventMemory._make((control, *parts, *which, *history, *scratch))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        return [self.control, self.numbers, self.locks, self.done, self.recent, self.bounces]
+        return [self.control, self.numbers, self.locks, self.done, self.parameters, self.recent, self.bounces]
 
 
 class StepBegin(NamedTuple):
-    """State of a solver at the begin of a step without dense output, which is repeated to the times that are examined.
+    """State of a solver at the begin of a step without dense output, which is repeated to the times that are examined,
+    and of steps on trial after a restart.
 
     ``state`` is the memory in which the state of the solver is: the first part of the block of the instance.
     """
@@ -125,12 +149,19 @@ class StepBegin(NamedTuple):
     target: Array  # (1,) s, time to which this step was to lead
     state: NDArray[np.int64]  # words
     copy: NDArray[np.int64]
+    trial: NDArray[np.int64]  # the state before the trial; used only if events restart the solver
+    sides: NDArray[np.int64]  # (k,) sides and bands of the search before the trial
+    bands: Array
 
     @staticmethod
-    def allocate() -> StepBegin:
+    def allocate(sensors: int = 1) -> StepBegin:
         """Return a place that has not got its memory, see :class:`.image.MemoryImage`."""
-        i = np.int64
-        return StepBegin(np.zeros(1, i), np.zeros(1), np.zeros(1, i), np.zeros(1, i))
+        z, i = np.zeros, np.int64
+        return StepBegin(z(1, i), z(1), z(1, i), z(1, i), z(1, i), z(sensors, i), z(sensors))
+
+    def snapshot(self, first: NDArray[Any], restarts: bool) -> Any:
+        """Return what :class:`.image.MemoryImage` needs to give it its memory: that before the array ``first``."""
+        return self.state, ([self.copy, self.trial] if restarts else [self.copy]), first
 
 
 def event_numbers(mechanism: Any) -> Array:
@@ -142,10 +173,16 @@ def event_numbers(mechanism: Any) -> Array:
     return np.array([*crossed, *times, *values], float)
 
 
+def event_parameters(mechanism: Any) -> list[str]:
+    """Return the names of the parameters that events of a mechanism set."""
+    actions = (action for event in mechanism.events for action in event.actions)
+    return list(dict.fromkeys(action.name for action in actions if isinstance(action, SetParameter)))
+
+
 def _value(action: Action) -> float:
     if isinstance(action, Bounce):
         return action.restitution
-    return float(getattr(action, "value", 0.0)) if isinstance(action, SetInput | Impulse) else 0.0
+    return float(action.value) if isinstance(action, SetInput | SetParameter | Impulse) else 0.0
 
 
 def event_structure(mechanism: Any) -> list[tuple[Any, ...]]:
@@ -172,11 +209,13 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
     timed = [k for k, event in enumerate(events) if event.sensor is None]
     listed = [(k, action) for k, event in enumerate(events) for action in event.actions]
     actions, locks = ActionRecord.zeros(len(listed)), lock_records(compiled)
-    locked = locks["body"].tolist()
+    locked, tuned = locks["body"].tolist(), event_parameters(compiled.mechanism)
     for row, (k, action) in zip(actions, listed, strict=True):
         row["event"], row["kind"] = k, ACTION_KINDS[type(action)]
         if isinstance(action, SetInput):
             row["place"] = numbers[action.name]
+        elif isinstance(action, SetParameter):
+            row["place"] = tuned.index(action.name)
         elif isinstance(action, Impulse):
             row["place"] = int(compiled.data.arrays.bodies["vf"][action.body.index]) + action.coordinate
         elif isinstance(action, Bounce):
@@ -186,7 +225,7 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
     own_events = event_numbers(compiled.mechanism), sensed, timed, len(events)
     units = [event.sensor.unit for event in events if event.sensor is not None]
     nominals = np.array([compiled.nominal(unit) for unit in units] if len(locks) else np.zeros(len(units)))
-    return EventMemory.allocate(actions, locks, *own_events, nominals, (system.nq, system.n))
+    return EventMemory.allocate(actions, locks, *own_events, nominals, len(tuned), (system.nq, system.n))
 
 
 def lock_records(compiled: CompiledMechanism) -> Any:
@@ -204,24 +243,50 @@ def lock_records(compiled: CompiledMechanism) -> Any:
 def empty_memory() -> EventMemory:
     """Return events of the types that all have, without any event."""
     records = ActionRecord.zeros(1), LockRecord.zeros(1)
-    return EventMemory.allocate(*records, np.zeros(3), [0], [0], 1, np.zeros(1), (1, 1))
+    return EventMemory.allocate(*records, np.zeros(3), [0], [0], 1, np.zeros(1), 1, (1, 1))
 
 
-def refuse_unsupported(events: Sequence[Event], jumps: bool, locks: bool, size: str) -> None:
-    """Raise UserError if native FMUs do not support one of these events.
+def refuse_unsupported(compiled: CompiledMechanism, jumps: bool, locks: bool, size: str) -> None:
+    """Raise UserError if native FMUs do not support one of the events of a compiled mechanism.
 
     ``jumps`` and ``locks`` state whether impulses, and locks of joints, are supported; ``size`` describes such models
     if they are not.
     """
-    left_out = {*(() if jumps else (Impulse, Bounce)), *(() if locks else (Lock, Release))}
-    allowed = [kind.__name__ for kind in ACTION_KINDS if kind not in left_out]
+    reasons: dict[type[Action], str] = {} if jumps else dict.fromkeys((Impulse, Bounce), size)
+    reasons |= {} if locks else dict.fromkeys((Lock, Release), size)
+    if compiled.histories:  # steps on trial would change them
+        reasons[Restart] = "models with friction of sheets that sticks"
+    allowed = ", ".join(kind.__name__ for kind in ACTION_KINDS if kind not in reasons)
+    for event in compiled.mechanism.events:
+        for action in event.actions:
+            if type(action) in reasons:
+                raise UserError(
+                    f"native FMUs do not support the action {type(action).__name__} of event {event.name!r} in "
+                    f"{reasons[type(action)]}; allowed: {allowed}. Remove the action, or export the model with "
+                    "--python",
+                    "not-native",
+                )
+
+
+def refuse_constant_parameters(
+    events: Sequence[Event], ranges: Mapping[str, tuple[float, float]], fixed: Mapping[str, str]
+) -> None:
+    """Raise UserError if an event sets a parameter that is constant in a native FMU, or a value that the export has not
+    verified.
+
+    ``ranges`` are the verified values of the parameters that can be set, ``fixed`` the reasons of the others.
+    """
     for event in events:
         for action in event.actions:
-            kind = type(action).__name__
-            if kind not in allowed:
-                where = f" in {size}" if type(action) in left_out else ""
+            if not isinstance(action, SetParameter):
+                continue
+            name, value, why = action.name, action.value, fixed.get(action.name, "")
+            low, high = ranges.get(name, (-np.inf, np.inf))
+            if not why and not low <= value <= high:
+                why = f"the export has verified the values {low:g} to {high:g}"
+            if why:
                 raise UserError(
-                    f"native FMUs do not support the action {kind} of event {event.name!r}{where}; allowed: "
-                    f"{', '.join(allowed)}. Remove the action, or export the model with --python",
+                    f"event {event.name!r} sets the parameter {name!r} to {value!r}, which a native FMU does not "
+                    f"support: {why}. Use another value or parameter, or export the model with --python",
                     "not-native",
                 )

@@ -57,7 +57,7 @@ from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 from . import eliminated
 from .closing import close_positions, close_velocities
 from .event_jumps import DENSE_JUMPS, IMPLICIT_TREE_JUMPS, TREE_JUMPS, Jumps
-from .event_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
+from .solver_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
 from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
 

@@ -46,8 +46,8 @@ class MemoryImage:
         Arrays of addresses of kernels, which are other ones in the runtime, each with the numbers of those kernels in
         the runtime; -1: there is none.
     snapshot
-        Two arrays of words (1,) and an array of ``state``: in the block the first of the two is the memory of all
-        arrays before that one, and the second has the size of it. None: there are no such arrays.
+        An array of words (1,), others, and an array of ``state``: in the block the first one is the memory of all
+        arrays before that array of ``state``, and each of the others has the size of it. None: there are none.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class MemoryImage:
         root: tuple[Any, ...],
         state: Sequence[NDArray[Any]],
         tables: Sequence[tuple[NDArray[np.int64], Sequence[int]]],
-        snapshot: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any]] | None = None,
+        snapshot: tuple[NDArray[np.int64], Sequence[NDArray[np.int64]], NDArray[Any]] | None = None,
     ) -> None:
         self.size = 0
         self._regions: dict[int, tuple[int, int]] = {}  # place and bytes of memory, by the identity of an array
@@ -76,9 +76,9 @@ class MemoryImage:
             self._emit_array(array)
         self.saved = self.size
         if snapshot is not None:
-            before, copy, first = snapshot
+            before, copies, first = snapshot
             extent = self.at(first)
-            self._regions = {id(before): (0, extent), id(copy): (self._grow(extent), extent)}
+            self._regions = {id(before): (0, extent), **{id(copy): (self._grow(extent), extent) for copy in copies}}
         self.root = self._emit_tuple(root)
         self.kernels = [
             Relocation(self.at(addresses) + 8 * k, number)

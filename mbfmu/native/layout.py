@@ -33,7 +33,14 @@ from . import sundials
 from .checksum import crc64
 from .contents import Contents
 from .entries import Entry
-from .event_memory import EVENT_FAILED, EVENT_REQUESTED_CODE, FAILURES, RUN_ENDED_CODE, EventControlRecord
+from .event_memory import (
+    EVENT_FAILED,
+    EVENT_REQUESTED_CODE,
+    FAILURES,
+    PARAMETER_CODE,
+    RUN_ENDED_CODE,
+    EventControlRecord,
+)
 from .exchange_memory import LEFT_BRANCH, NEXT_EVENT, NOT_DIFFERENTIABLE, RESTART, STATES_NOT_FINITE, TIMES
 from .families import FAMILIES
 from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, kernel_tables
@@ -108,6 +115,7 @@ SECTIONS = {
     "free_rates": NAME_RECORD,  # of the coordinates: their bodies if their rates are not given, else empty
     "supports": SUPPORT_RECORD,
     "events": NAME_RECORD,
+    "event_parameters": MEMBER,  # variables of the parameters that events set
     "text": np.dtype("u1"),
 }
 HEADER_OFFSETS = (
@@ -133,6 +141,7 @@ HEADER_OFFSETS = (
     "near_miss_factor",
     "near_miss_gap",
     "events",
+    "event_values",
     "indicators",
 )  # of arrays that C looks at, in the block
 HEADER = np.dtype(
@@ -226,7 +235,7 @@ def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
     lines += [f"#define LEFT_BRANCH ({LEFT_BRANCH})", f"#define STATES_NOT_FINITE ({STATES_NOT_FINITE})"]
     lines += [f"#define NOT_DIFFERENTIABLE ({NOT_DIFFERENTIABLE})", f"#define EXCHANGE_TIMES {TIMES}"]
     lines += [f"#define RUN_ENDED ({RUN_ENDED_CODE})", f"#define EVENT_FAILED ({EVENT_FAILED})"]
-    lines.append(f"#define EVENT_REQUESTED ({EVENT_REQUESTED_CODE})")
+    lines += [f"#define EVENT_REQUESTED ({EVENT_REQUESTED_CODE})", f"#define PARAMETER_REQUESTED ({PARAMETER_CODE})"]
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]

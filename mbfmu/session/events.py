@@ -98,7 +98,7 @@ class RunEvents:
         t = run.stepper.t
         self._next_timed = sum(event.time < t for event in self._timed)
         self.records: list[EventRecord] = []
-        self.ended = self._restarts_at_start = False
+        self.ended = self._restarts_next = False
         self.stop: Diagnostic | None = None
         self._search.begin()
 
@@ -146,7 +146,7 @@ class RunEvents:
         self._next_timed += len(here)
         if here:
             self._act(sorted(here, key=lambda event: self._order[event.name]))
-        self._restarts_at_start = any(event.restarts for event in here)
+        self._restarts_next = any(event.restarts for event in here)
         self._sample()
 
     def _sample(self) -> bool:
@@ -159,22 +159,28 @@ class RunEvents:
     def step(self, end: float) -> None:
         """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
         run = self._run
-        if self._restarts_at_start and run.stepper.t < end:
-            self._restarts_at_start = False
-            self._search.restart(end, self._restarting)
+        self._restart(end)
         code = OK if self.ended or self.stop else SEQUENCE.begin_step(run, end)
         while code == OK and not self.ended and self.stop is None:
             found = self._advance(end)
             if not run.stepper.status.ok:
                 break
             changed = bool(found) and self._act(found)
-            if any(event.restarts for event in found) and run.stepper.t < end:
-                self._search.restart(end, self._restarting)
+            self._restarts_next = self._restarts_next or any(event.restarts for event in found)
+            self._restart(end)
             sampled = self._sample() if not self.ended else False
             if run.stepper.t >= end and not found and not sampled:
                 break
             if changed:
                 code = SEQUENCE.begin_step(run, end)
+
+    def _restart(self, end: float) -> None:
+        """Restart the solver if an event requires it, before the next step: after a communication point in the next
+        one.
+        """
+        if self._restarts_next and self._run.stepper.t < end:
+            self._restarts_next = False
+            self._search.restart(end, self._restarting)
 
     def _advance(self, end: float) -> list[Event]:
         """Advance to the next event or to ``end``, s; return the events there."""
@@ -314,6 +320,7 @@ class RunEvents:
             "bands": memory.bands.tolist(),
             "timed": self._next_timed,
             "ended": self.ended,
+            "restarts": self._restarts_next,
             "list": records,
             "locked": self.locked.state(),
             "samples": self._samples.counts.tolist(),
@@ -328,6 +335,7 @@ class RunEvents:
         control["limit"], control["limited"] = state["limit"], state["limited"]
         self._samples.counts[:] = state["samples"]
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
+        self._restarts_next = state["restarts"]
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
 
 

@@ -227,25 +227,6 @@ def test_an_event_ends_runs_of_many_without_a_failure() -> None:
         assert np.isnan(found[~runs]).all()
 
 
-def test_events_that_native_fmus_do_not_have_are_refused(tmp_path: Path) -> None:
-    @dataclass(frozen=True, kw_only=True)
-    class Braked(mb.Model):
-        """A wheel on which a short force acts."""
-
-        name = "braked"
-
-        def build(self) -> mb.Mechanism:
-            m = mb.Mechanism()
-            m.body("wheel", m.ground, mb.Revolute(rate=1.0), inertia=(1, 1, 1))
-            m.event("brake", at=0.5, then=mb.Restart())
-            return m
-
-    allowed = "SetInput, Impulse, EndRun, Bounce, Lock, Release"
-    text = f"native FMUs do not support the action Restart of event 'brake'; allowed: {allowed}"
-    with pytest.raises(UserError, match=text):
-        export(Braked(), tmp_path / "braked.fmu", SETTINGS, native=True)
-
-
 @pytest.mark.parametrize("values", [{}, {"restitution": 0.5, "mark": 0.3, "hit": 0.21}])
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_events_in_model_exchange(fmi: int, values: dict[str, float], request: pytest.FixtureRequest) -> None:

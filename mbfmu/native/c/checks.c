@@ -104,6 +104,7 @@ static bool good_header(const Header *h)
            in_block(h, h->undetermined_time_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_factor_at, 1, sizeof(double)) &&
            in_block(h, h->near_miss_gap_at, 1, sizeof(double)) && in_block(h, h->events_at, 1, sizeof(EventControl)) &&
+           in_block(h, h->event_values_at, h->event_parameters_count, sizeof(double)) &&
            is_index(h->indicators, h->size) && in_block(h, h->indicators_at, h->indicators, sizeof(double)) &&
            h->free_rates_count <= h->coordinates_count && is_index(h->exchange, 2) && good_states(h) &&
            good_table(h) && good_entry_points(h);
@@ -117,7 +118,7 @@ static bool good_sections(const Header *h)
            SECTION(entries, Entry) && SECTION(sums, Sum) && SECTION(terms, Term) && SECTION(factors, Factor) &&
            SECTION(relocations, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
            SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) && SECTION(loads, Name) &&
-           SECTION(free_rates, Name) && SECTION(supports, Support) && SECTION(events, Name) &&
+           SECTION(free_rates, Name) && SECTION(supports, Support) && SECTION(events, Name) && SECTION(event_parameters, Member) &&
            SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
 }
 
@@ -249,6 +250,15 @@ static bool good_supports(const Instance *own)
     return true;
 }
 
+static bool good_event_parameters(const Instance *own)
+{
+    const Member *set = section(own, own->header->event_parameters);
+    for (int64_t k = 0; k < own->header->event_parameters_count; k++)
+        if (!is_index(set[k].variable, own->header->variables_count))
+            return false;
+    return true;
+}
+
 static bool good_texts(const Instance *own)
 {
     const Header *h = own->header;
@@ -275,6 +285,6 @@ bool within_bounds(Instance *own)
     if (!good_header(h) || !good_sections(h))
         return false;
     own->variables = section(own, h->variables);
-    return good_texts(own) && good_variables(own) && good_arrays(own) && good_entries(own) && good_formulas(own) &&
+    return good_texts(own) && good_variables(own) && good_arrays(own) && good_event_parameters(own) && good_entries(own) && good_formulas(own) &&
            good_addresses(own);
 }

@@ -230,7 +230,7 @@ static Outcome go(Instance *own, double t, double length)
     double here = clock_of(own), end = fmax(here, t + length); /* the host's clock may be a little slow */
     clear_report(own);
     bool has_events = own->header->has_events != 0;
-    int64_t code = call_entry_at(own, has_events ? own->family->events_step : own->family->step, end);
+    int64_t code = has_events ? call_events(own, own->family->events_step, end) : call_entry_at(own, own->family->step, end);
     own->ended = code == RUN_ENDED;
     if (code != CODE_OK && !own->ended) {
         warn_reported(own);

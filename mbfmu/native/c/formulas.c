@@ -12,7 +12,7 @@ static double *number_at(const Instance *own, int64_t at)
 
 static double value_of(const Instance *own, int64_t variable)
 {
-    return variable == LENGTH ? *number_at(own, own->header->length_at) : own->values[variable];
+    return variable == LENGTH ? *number_at(own, own->header->length_at) : present_value(own, (size_t)variable);
 }
 
 static double product(const Instance *own, const Term *term)
@@ -48,7 +48,7 @@ static bool moved(const Instance *own, const Term *term, bool longer)
     const Factor *factors = section(own, own->header->factors);
     for (int64_t k = term->factors; k < term->factors + term->count; k++) {
         int64_t variable = factors[k].variable;
-        if (variable == LENGTH ? longer : own->values[variable] != own->variables[variable].start)
+        if (variable == LENGTH ? longer : present_value(own, (size_t)variable) != own->variables[variable].start)
             return true;
     }
     return false;

@@ -75,6 +75,7 @@ void put_options(Instance *own);
 /* starting.c */
 int64_t call_entry(Instance *own, int32_t (*entry)(int64_t *, void **, void *));
 int64_t call_entry_at(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double), double t);
+int64_t call_events(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double), double t);
 double *numbers_at(Instance *own, int64_t at);
 double clock_of(Instance *own);
 void give(Instance *own, int32_t (*entry)(int64_t *, void **, void *, int64_t, double), size_t k);
@@ -88,6 +89,7 @@ void unmark(Instance *own, unsigned flag);
 const Variable *refused_value(const Instance *own);
 Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v);
 void apply_changes(Instance *own);
+double present_value(const Instance *own, size_t k);
 
 /* exchange.c */
 void apply_exchange_changes(Instance *own);

@@ -25,6 +25,20 @@ int64_t call_entry_at(Instance *own, int32_t (*entry)(int64_t *, void **, void *
     return code;
 }
 
+/* Call an entry point of events at a time (s), which is interrupted where an event sets a parameter. */
+int64_t call_events(Instance *own, int32_t (*entry)(int64_t *, void **, void *, double), double t)
+{
+    int64_t code;
+    while ((code = call_entry_at(own, entry, t)) == PARAMETER_REQUESTED) {
+        const EventControl *control = (const EventControl *)(own->block + own->header->events_at);
+        call_entry(own, own->family->note_energy);
+        numbers_at(own, own->header->event_values_at)[control->parameter] = control->value;
+        put_parameters(own, true);
+        call_entry(own, own->family->retune);
+    }
+    return code;
+}
+
 double *numbers_at(Instance *own, int64_t at)
 {
     return (double *)(own->block + at);
@@ -156,7 +170,7 @@ Outcome start_anew(Instance *own)
         return fail(own, ERROR, text);
     }
     if (own->header->has_events && !own->exchange &&
-        (code = call_entry_at(own, own->family->events_begin, own->start)) != CODE_OK) {
+        (code = call_events(own, own->family->events_begin, own->start)) != CODE_OK) {
         describe_stop(own, code, text);
         return fail(own, ERROR, text);
     }

@@ -48,6 +48,23 @@ Outcome fail_refused(Instance *own, Outcome outcome, const Variable *v)
     return fail(own, outcome, text);
 }
 
+/* Return the place of the value of a parameter that events set; NULL: no event sets this variable. */
+static double *event_value(const Instance *own, size_t k)
+{
+    const Member *set = section(own, own->header->event_parameters);
+    for (int64_t i = 0; i < own->header->event_parameters_count; i++)
+        if ((size_t)set[i].variable == k)
+            return (double *)(own->block + own->header->event_values_at) + i;
+    return NULL;
+}
+
+/* Return the value of a variable: an event may have set a parameter since it was given. */
+double present_value(const Instance *own, size_t k)
+{
+    const double *by_event = event_value(own, k);
+    return by_event && !isnan(*by_event) ? *by_event : own->values[k];
+}
+
 /* Whether the initialization is over and nothing has failed. */
 static bool is_at_work(const Instance *own)
 {
@@ -130,7 +147,7 @@ Outcome get(Instance *own, uint32_t reference, unsigned wanted, double *value)
     Outcome outcome = OK;
     if ((v->role == ROLE_OUTPUT || v->role == ROLE_COUNTER) && !own->fresh)
         outcome = refresh(own);
-    *value = own->values[reference];
+    *value = present_value(own, reference);
     return outcome;
 }
 
@@ -180,13 +197,16 @@ Outcome set(Instance *own, uint32_t reference, unsigned wanted, double value)
         return mistake(own, text);
     }
     own->flags[reference] &= (unsigned char)~REFUSED;
-    if (is_at_work(own) && own->values[reference] == value && (own->exchange || v->role != ROLE_INPUT))
+    if (is_at_work(own) && present_value(own, reference) == value && (own->exchange || v->role != ROLE_INPUT))
         return OK; /* an input may have changed since; whether it has is decided where it is set */
     if (own->exchange && v->fixed_in_exchange && is_at_work(own)) {
         SAY(text, "'", text_at(own, v->name), "' was set to ", in_digits(digits, value), ", but it is constant in model "
             "exchange: it moves a joint without an input for its acceleration; set it before the end of the initialization");
         return mistake(own, text);
     }
+    double *by_event = event_value(own, reference);
+    if (by_event)
+        *by_event = NAN;
     own->values[reference] = value;
     own->flags[reference] |= GIVEN;
     own->fresh = own->derived = false;
