@@ -59,8 +59,12 @@ class Impacts:
 
     def slopes(self, t: float, q: Array) -> Array:
         """Return the slopes G (k, n) of the rates G v + g_t towards the stops, which are linear in v."""
-        at_rest, unit = self._rates(t, q, np.zeros(self._compiled.system.n)), np.eye(self._compiled.system.n)
-        return np.array([self._rates(t, q, v) - at_rest for v in unit]).T
+        n = self._compiled.system.n
+        at_rest = self._rates(t, q, np.zeros(n))
+        found = np.empty((len(at_rest), n))
+        for k, unit in enumerate(np.eye(n)):
+            found[:, k] = self._rates(t, q, unit) - at_rest
+        return found
 
     def jump(self, t: float, q: Array, v: Array, hit: NDArray[np.int64]) -> Array | int:
         """Return the jump of the velocities (n,) when the quantities ``hit`` are at their stops.
