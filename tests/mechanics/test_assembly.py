@@ -28,6 +28,7 @@ from mbfmu.mechanics import (
     WeldCutJoint,
     rod,
 )
+from mbfmu.mechanics.arrays.rows import find_dependent_rows
 from mbfmu.mechanics.joints import Joint
 from mbfmu.util.errors import AssemblyError, UserError
 
@@ -306,3 +307,17 @@ def test_rounding_in_what_a_drive_moves_opens_no_redundant_loop(speed: float) ->
         m.cut(f"pin{k}", RevoluteCutJoint(at_a=(0.8, 0, 0), at_b=feet[k]), cranks[k], table)
     _, v = CompiledMechanism(m).assemble()
     np.testing.assert_allclose(v, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_dependent_rows_are_as_many_as_the_rank_requires(scale: float) -> None:
+    """The other rows are independent, by the singular values; more rows than columns, and rows near to dependent."""
+    random = np.random.default_rng(7)
+    for m, n, rank in ((1, 1, 1), (3, 5, 3), (4, 5, 2), (6, 4, 4), (5, 3, 1), (20, 30, 20), (20, 30, 17)):
+        J = scale * random.normal(size=(m, rank)) @ random.normal(size=(rank, n))
+        dependent = find_dependent_rows(J)
+        kept = np.delete(J, dependent, axis=0)
+        assert len(kept) == rank
+        assert np.linalg.matrix_rank(kept, tol=1e-9 * scale) == rank
+    for ratio, expected in ((1e-2, []), (1e-6, [1])):
+        assert find_dependent_rows(scale * np.array([[1.0, 0.0, 0.0], [0.5, ratio, 0.0]])).tolist() == expected

@@ -155,8 +155,20 @@ def dependent_rows(system: AnySystem, t: float, q: Array) -> NDArray[np.int64]:
     system.fill_position(t, q, terms)
     if system.m == 0 or system.n == 0:
         return np.arange(system.m)
-    scaled = terms.J * system.size / system.row_size[:, np.newaxis]
-    R, order = scipy.linalg.qr(scaled.T, mode="r", pivoting=True)
+    return find_dependent_rows(terms.J * system.size / system.row_size[:, np.newaxis])
+
+
+def find_dependent_rows(J: Array) -> NDArray[np.int64]:
+    """Return the rows of a matrix (m, n) that depend on the others, in order: by pivoting.
+
+    Pivots are between the smallest and the largest singular value. If these are in proportion, no row depends on
+    others, and SciPy is not imported.
+    """
+    if len(J) <= J.shape[1]:
+        sigma = np.linalg.svdvals(J)
+        if sigma[-1] > DEPENDENT_ROW_PIVOT_RATIO * sigma[0]:
+            return np.arange(0)
+    R, order = scipy.linalg.qr(J.T, mode="r", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.sum(pivots > DEPENDENT_ROW_PIVOT_RATIO * pivots[0]))
     return np.sort(order[rank:])
