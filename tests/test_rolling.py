@@ -75,14 +75,16 @@ class Wheel:
             0.5 * self.m * v @ v + 0.5 * self.A * (w @ w - spin**2) + 0.5 * self.C * spin**2 + self.m * g * x[2]
         )
 
-    def model(self, x: Any, g: float) -> mb.Mechanism:
-        """Return the mechanism that starts in a state."""
+    def model(self, x: Any, g: float, joint: mb.RollingWheel | None = None) -> mb.Mechanism:
+        """Return the mechanism that starts in a state; ``joint``: of the contact, without friction by default."""
         m = mb.Mechanism(gravity=(0.0, 0.0, -g))
         turn = Rotation.from_quat(x[3:7], scalar_first=True)
         v = -np.cross(x[7:], self.contact(turn.as_matrix()[:, 1])[0])
         free = mb.Floating(start=x[:7], rate=(*v, *turn.inv().apply(x[7:])))
         wheel = m.body("wheel", m.ground, free, mass=self.m, com=(0, 0, 0), inertia=(self.A, self.C, self.A))
-        contact = m.cut("contact", mb.RollingWheel(radius=self.R, crown_radius=self.c), m.ground, wheel)
+        joint = joint or mb.RollingWheel(radius=self.R, crown_radius=self.c)
+        contact = m.cut("contact", joint, m.ground, wheel)
+        m.output("demand", contact.required_friction())
         for axis in "xyz":
             m.output(axis, wheel.position(axis))
             m.output(f"F{axis}", contact.joint_force(axis))
@@ -340,6 +342,8 @@ def test_refusals_and_reports() -> None:
         ({"radius": 1.0, "grip": "all"}, "grip of cut 'w' is"),
         ({"radius": 1.0, "axis": "w"}, "axis of cut 'w' is"),
         ({"radius": 1.0, "normal": (0.0, 0.0, 0.0)}, "normal of cut 'w' is"),
+        ({"radius": 1.0, "friction": (0.5, 0.0)}, r"friction of cut 'w' is \(0.5, 0.0\); allowed: a positive number"),
+        ({"radius": 1.0, "friction": "rubber"}, "friction of cut 'w' is 'rubber'"),
     ):
         with pytest.raises(UserError, match=text):
             m.cut("w", mb.RollingWheel(**wrong), m.ground, body)
@@ -353,6 +357,29 @@ def test_refusals_and_reports() -> None:
     assert "3 degrees of freedom (5 of positions: some constraints are nonholonomic)" in format_findings(found)
     lifted = mb.simulate(wheel.model(x, -G), 0.1)
     assert [d.subject for d in lifted.diagnostics if d.code == "lifting-wheel"] == ["contact"]
+
+
+@pytest.mark.parametrize(("size", "ratio"), [(1e-3, 2.5), (1.0, 1.0), (1e3, 0.4)])
+def test_a_wheel_that_needs_more_friction_than_it_has_is_reported(size: float, ratio: float) -> None:
+    """The forces of the reference leave the ellipse of friction of the axes mu and ratio mu at the time reported."""
+    wheel, rate = Wheel(size), np.sqrt(G / size)
+    x, times = wheel.start(WOBBLE[0], WOBBLE[1] * rate), np.linspace(0.0, 2.0 / rate, 9)
+    exact = solve_ivp(wheel.slopes, times[[0, -1]], x, "DOP853", times, args=(G,), rtol=1e-12, atol=1e-12 * rate * size)
+    needed, plain = np.empty((2, len(times)))
+    for k, y in enumerate(exact.y.T):
+        e = Rotation.from_quat(y[3:7], scalar_first=True).as_matrix()[:, 1]
+        force = wheel.accelerations(e, y[7:], G)[1]
+        heading = np.array([e[1], -e[0], 0.0]) / np.hypot(e[0], e[1])
+        along, across = force @ heading, force @ np.cross((0.0, 0.0, 1.0), heading)
+        needed[k], plain[k] = np.hypot(along, across / ratio) / force[2], np.hypot(along, across) / force[2]
+    largest = int(np.argmax(needed))
+    for part, slips in ((1.001, False), (0.999, True)):
+        mu = part * needed[largest]
+        joint = mb.RollingWheel(radius=size, friction=mu if ratio == 1.0 else (mu, ratio * mu))
+        result = mb.simulate(wheel.model(x, G, joint), times[-1], tolerance=1e-8, interval=times[1])
+        found = [d for d in result.diagnostics if d.code == "slipping-wheel"]
+        assert [d.time for d in found] == pytest.approx([times[largest]] if slips else [])
+        np.testing.assert_allclose(result["demand"], plain, rtol=1e-5)
 
 
 def rack_and_wheel() -> mb.Mechanism:

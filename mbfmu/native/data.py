@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.closing import CLOSURE_MESSAGES
+from mbfmu.mechanics.cuts.rolling import GRIPS, RollingWheelRecord
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings
@@ -21,6 +22,7 @@ from mbfmu.session.failure_diagnosis import advise
 from mbfmu.session.kernels.event_points import place_of_indicators
 from mbfmu.session.simulation import Simulation, UnstartedSimulation
 from mbfmu.session.tolerances import COARSE_TOLERANCE, describe_coarse
+from mbfmu.session.wheel_monitor import WatchedWheel, watched_wheels
 from mbfmu.util.errors import UserError
 from solvers.diagnostics import Diagnostic
 from solvers.loop_closure import Outcome
@@ -276,6 +278,7 @@ class _File:
         rows["supports"] = [
             (self._references[name], self._add_text(units[name])) for name, *_ in inputs.supports().values()
         ]
+        rows["wheels"] = [self._wheel(wheel) for wheel in watched_wheels(self._simulation.compiled)]
         header = np.zeros(1, layout.HEADER)
         at, parts = layout.HEADER.itemsize, []
         for name, record in layout.SECTIONS.items():
@@ -327,6 +330,13 @@ class _File:
         texts = self._add_text(v.name), self._add_text(v.allowed)
         motion, when_set = int(v.name in self._motion_outputs), layout.SETTABLE.index(when)
         return (*texts, kinds, roles, number, when_set, is_fixed, motion, start, low, high, rest_scale)
+
+    def _wheel(self, wheel: WatchedWheel) -> tuple[int, ...]:
+        arrays, lam = self._simulation.compiled.data.arrays, self._image.at(self._instance.lam)
+        record = self._image.at(arrays.memory) + int(arrays.cuts["at"][wheel.number])
+        places = [lam + 8 * row if row >= 0 else -1 for row in (wheel.normal, *wheel.tangential)]
+        offsets = [RollingWheelRecord.dtype.fields[f"{name}_friction"][1] for name in GRIPS["both"]]
+        return self._add_text(wheel.name), *places, *(record + offset for offset in offsets)
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
         first = len(members)

@@ -123,6 +123,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     structure = family.structure.of(system)
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, structure, *sizes)
     work = family.work(*sizes, system.placed)
+    if "nonholonomic" in work._fields:
+        work = work._replace(nonholonomic=system.nonholonomic.copy())
     shared_eqs, shared = family.formulation(eqs, work)
     shared.size[:] = system.size
     shared.inertia["watched"] = family.formulation(unpin(given.eqs), unpin(given.work))[1].inertia["watched"]
@@ -196,12 +198,6 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         raise UserError(
             f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model, since "
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
-            "not-native",
-        )
-    if len(system.nonholonomic):
-        raise UserError(
-            f"native FMUs do not support rolling without slip, such as constraint "
-            f"{system.constraint_names[system.nonholonomic[0]]!r}; export it with --python",
             "not-native",
         )
     if system.n_states and simulation.steady_state is not None:

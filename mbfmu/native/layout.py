@@ -95,6 +95,18 @@ FAILURE = np.dtype([("before", "i8"), ("between", "i8"), ("after", "i8")])  # by
 LIBRARY = np.dtype([("length", "i8"), ("sum", "i8")])  # bytes of a library that the runtime loads, and their CRC-64
 NAME_RECORD = np.dtype([("name", "i8")])  # place in the text
 SUPPORT_RECORD = np.dtype([("variable", "i8"), ("unit", "i8")])  # first input of a support; its unit in the text
+# A rolling wheel: its name in the text, places of its multipliers in the block (-1: it has none), and of its
+# coefficients of friction
+WHEEL_RECORD = np.dtype(
+    [
+        ("name", "i8"),
+        ("normal_at", "i8"),
+        ("longitudinal_at", "i8"),
+        ("lateral_at", "i8"),
+        ("longitudinal_friction_at", "i8"),
+        ("lateral_friction_at", "i8"),
+    ]
+)
 
 SECTIONS = {
     "variables": VARIABLE,
@@ -116,6 +128,7 @@ SECTIONS = {
     "supports": SUPPORT_RECORD,
     "events": NAME_RECORD,
     "event_parameters": MEMBER,  # variables of the parameters that events set
+    "wheels": WHEEL_RECORD,
     "text": np.dtype("u1"),
 }
 HEADER_OFFSETS = (
@@ -178,7 +191,7 @@ HEADER = np.dtype(
 STRUCTS = {
     "Header": HEADER, "Variable": VARIABLE, "Array": ARRAY, "Member": MEMBER, "Entry": ENTRY, "Sum": SUM, "Term": TERM,
     "Factor": FACTOR, "Relocation": RELOCATION, "Sentence": SENTENCE, "Failure": FAILURE, "Name": NAME_RECORD,
-    "Support": SUPPORT_RECORD, "Library": LIBRARY, "Options": OPTIONS, "RunStatus": RUN_STATUS,
+    "Support": SUPPORT_RECORD, "Wheel": WHEEL_RECORD, "Library": LIBRARY, "Options": OPTIONS, "RunStatus": RUN_STATUS,
     "Worst": WorstRecord.dtype, "EventControl": EventControlRecord.dtype,
 }  # fmt: skip
 
@@ -200,6 +213,8 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "TOO_MANY_EVENTS_TEXT": run_messages.TOO_MANY_EVENTS,
     "SINGULAR_START_TEXT": run_messages.SINGULAR_START,
     "SLOW_PASSAGE_TEXT": run_messages.SLOW_PASSAGE,
+    "LIFTING_WHEEL_TEXT": run_messages.LIFTING_WHEEL,
+    "SLIPPING_WHEEL_TEXT": run_messages.SLIPPING_WHEEL,
     "UNDETERMINED_FORCES_TEXT": run_messages.UNDETERMINED_FORCES,
 }
 

@@ -63,6 +63,8 @@ def explain_missing_search(simulation: Simulation) -> str:
         return f"{text}it was found by a continuation only"
     if found.cyclic.any() and compiled.mechanism.couplings:
         return f"{text}couplings determine rates of the steady state"
+    if len(compiled.system.nonholonomic):
+        return f"{text}the model has wheels that roll without slip"
     if Supports(compiled, finishes=False).beginnings():
         return f"{text}the motion of supports to their start positions may have to be followed"
     supports = compiled.inputs.supports()

@@ -54,6 +54,13 @@ LIFTING_WHEEL = Diagnostic.warning(
     "The motion from there on is that of a wheel that cannot lift",
     "Reduce speeds, correct the normal of the plane, or replace the wheel by a user-defined contact force",
 )
+SLIPPING_WHEEL = Diagnostic.warning(
+    "slipping-wheel",
+    "wheel {name!r} would slip at t = {t:.9g} s: without slip it needs a friction force of {force:.3g} N, but friction "
+    "transmits at most {limit:.3g} N at the normal force {normal:.3g} N. The motion from there on is that of a wheel "
+    "that cannot slip",
+    "Reduce the torque, the speed or the slope, or increase the friction or the normal force",
+)
 SINGULAR_START = Diagnostic.warning(
     "singular-start",
     "the start is a singular configuration, in which the loops do not determine all rates; the rates nearest to the "

@@ -143,7 +143,7 @@ class RunProgress(SavedStates):
         return stepper.status
 
     def _note_wheels(self, states: Iterable[State]) -> None:
-        """Warn once of each wheel that would lift."""
+        """Warn once of each wheel that would lift, and of each that would slip."""
         for found in self._wheels.describe(states):
             if not any((found.code, found.subject) == (known.code, known.subject) for known in self._noted):
                 self._noted.append(found)

@@ -27,6 +27,7 @@ SUSPECT_CODES = INACCURATE_CODES | {
     "coarse-mesh",
     "fmu-warning",
     "lifting-wheel",
+    "slipping-wheel",
 }  # warnings about an error that was found in the run
 OLD_NOTE_CODES = {"changed-start", "redundant-constraints", "slow-solver", "selected-solver"}  # until version 0.2
 DETAIL_CODES = {"removed-constraints"}  # notes on every planar loop, which are printed on request only
@@ -51,6 +52,7 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "unreachable-drive": "A drive requires a position that the loops cannot reach",
     "undetermined-forces": "Reaction forces are not determined at a singular configuration",
     "lifting-wheel": "A wheel that rolls without slip would lift from its plane",
+    "slipping-wheel": "A wheel that rolls without slip needs more friction than there is",
     "energy-balance": "The energy error is larger than the tolerance explains",
     "slow-passage": "The energy error decides on which side of an unstable equilibrium the motion continues",
     "coarse-mesh": "The mesh of a sheet is too coarse for its deformation",

@@ -18,6 +18,7 @@ from mbfmu.mechanics.sensors import (
     DistanceRate,
     LoadEffort,
     LoadWrench,
+    RequiredFriction,
     RopeLength,
     RopeLengthRate,
     RopeTension,
@@ -107,6 +108,21 @@ class CutHandle:
             )
         k = self.cut.rows.index(row)
         return RowForce(unit=self.cut.units[k], item=self, component=k)
+
+    def required_friction(self) -> Sensor:
+        """Coefficient of friction that a :class:`.RollingWheel` requires.
+
+        (F_longitudinal^2 + F_lateral^2)^(1/2) / N with the normal force N: the wheel would slip if it exceeds the
+        coefficient of friction of the surfaces. It is negative if the plane would have to pull the wheel.
+
+        Raises
+        ------
+        UserError
+            The joint is no rolling wheel.
+        """
+        if not self.cut.nonholonomic:
+            raise UserError(f"cut {self.name!r} is a {type(self.cut).__name__}; allowed: a RollingWheel")
+        return RequiredFriction(unit="1", item=self)
 
     def joint_force(self, axis: str, on: str = "b") -> Sensor:
         """Global component of the force that the cut joint exerts on a body, N.

@@ -48,6 +48,8 @@ class RollingWheelRecord(CutJointRecord):
     crown: f8  # m
     longitudinal: i8  # 1: no slip in this direction
     lateral: i8
+    longitudinal_friction: f8  # coefficient of friction in this direction; 0: it is not compared
+    lateral_friction: f8
 
 
 @kernel
@@ -130,6 +132,10 @@ class RollingWheel(CutJoint):
     axis
         Axle: the same in the cut frame of body b; ``at_b`` is the center of the wheel. With the normal up and the axle
         to the left the wheel heads forward.
+    friction
+        Coefficient of friction, or two: longitudinal and lateral. The motion does not depend on it, but a run warns if
+        the wheel would slip: if (F_longitudinal / mu_longitudinal)^2 + (F_lateral / mu_lateral)^2 > N^2 with the normal
+        force N. None: the forces are not compared.
     grip
         Directions without slip: ``"both"``, ``"longitudinal"`` (a wheel with rollers at its rim) or ``"lateral"`` (a
         skate).
@@ -144,6 +150,7 @@ class RollingWheel(CutJoint):
     normal: Any = "z"
     axis: Any = "y"
     grip: str = "both"
+    friction: float | tuple[float, float] | None = None
 
     @property
     def rows(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -170,6 +177,16 @@ class RollingWheel(CutJoint):
         unit_axis(self.normal, f"normal of {what}")
         unit_axis(self.axis, f"axis of {what}")
         one_of(f"grip of {what}", self.grip, tuple(GRIPS))
+        if self.friction is None:
+            return
+        if not (
+            is_finite(self.friction)
+            and np.shape(self.friction) in ((), (2,))
+            and np.all(np.greater(self.friction, 0.0))
+        ):
+            raise UserError(
+                f"friction of {what} is {self.friction!r}; allowed: a positive number, or two (longitudinal, lateral)"
+            )
 
     def frames(self, what: str = "a rolling wheel") -> tuple[Matrix, Matrix]:
         """Return the cut frames as columns in bodies a and b; the last axes are the normal and the axle."""
@@ -182,6 +199,8 @@ class RollingWheel(CutJoint):
         record["radius"], record["crown"] = self.radius - self.crown_radius, self.crown_radius
         for direction in GRIPS["both"]:
             record[direction] = direction in self.nonholonomic
+        if self.friction is not None:
+            record["longitudinal_friction"], record["lateral_friction"] = np.broadcast_to(self.friction, 2)
 
     def extent(self) -> float:
         """Return the radius."""

@@ -7,7 +7,7 @@ from .base import Follows, Sensor, axis_index
 from .blocks import BlockOutput
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
-from .forces import CouplingEffort, CutForce, DeclaredJointForce, JointForce, RowForce
+from .forces import CouplingEffort, CutForce, DeclaredJointForce, JointForce, RequiredFriction, RowForce
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
 from .points import PointAcceleration, PointPosition, PointVelocity
@@ -47,6 +47,7 @@ __all__ = [
     "Rate",
     "RelativePosition",
     "RelativeVelocity",
+    "RequiredFriction",
     "Residual",
     "RopeLength",
     "RopeLengthRate",

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import kernel
@@ -47,6 +49,23 @@ def cut_force(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) 
         if arrays.kept[r] >= 0:
             total -= state.rows[r].lam * (state.rows[r].Gb[k] if k < 3 else state.rows[r].Ga[k - 3])
     return total
+
+
+@kernel
+def required_friction(sensor: QuantityRecord, lam: Reals, arrays: Arrays, state: State) -> float:
+    """See :mod:`.base`. The first row is the normal one."""
+    cut, square = arrays.cuts[sensor.index], 0.0 * arrays.world[0].gravity[0]
+    normal = 1.0 * square
+    for r in range(cut.row, cut.end):
+        if arrays.kept[r] >= 0:
+            force = lam[arrays.kept[r]]
+            if r == cut.row:
+                normal = -force
+            else:
+                square += force * force
+    if square.real == 0.0 and square.imag == 0.0:
+        return square
+    return np.sqrt(square) / normal
 
 
 @kernel
@@ -103,6 +122,14 @@ class RowForce(Sensor):
     """Force or moment of one constraint equation of a cut joint on its body b."""
 
     read = row_force
+    follows = Follows.FORCES
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequiredFriction(Sensor):
+    """Coefficient of friction that a rolling wheel requires: its friction force over its normal force."""
+
+    read = required_friction
     follows = Follows.FORCES
 
 

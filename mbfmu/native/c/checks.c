@@ -119,6 +119,7 @@ static bool good_sections(const Header *h)
            SECTION(relocations, Relocation) && SECTION(kernels, Relocation) && SECTION(sentences, Sentence) &&
            SECTION(failures, Failure) && SECTION(rows, Name) && SECTION(coordinates, Name) && SECTION(cuts, Name) && SECTION(loads, Name) &&
            SECTION(free_rates, Name) && SECTION(supports, Support) && SECTION(events, Name) && SECTION(event_parameters, Member) &&
+           SECTION(wheels, Wheel) &&
            SECTION(text, char) && h->sentences_count >= CODE_COUNT && h->failures_count >= ASSEMBLY_COUNT;
 }
 
@@ -259,6 +260,22 @@ static bool good_event_parameters(const Instance *own)
     return true;
 }
 
+static bool good_wheels(const Instance *own)
+{
+    const Header *h = own->header;
+    const Wheel *wheels = section(own, h->wheels);
+    const size_t one = sizeof(double);
+    for (int64_t k = 0; k < h->wheels_count; k++) {
+        const Wheel *w = wheels + k;
+        if (!good_text(h, w->name) || !in_block(h, w->normal_at, 1, one) ||
+            !(w->longitudinal_at == -1 || in_block(h, w->longitudinal_at, 1, one)) ||
+            !(w->lateral_at == -1 || in_block(h, w->lateral_at, 1, one)) ||
+            !in_block(h, w->longitudinal_friction_at, 1, one) || !in_block(h, w->lateral_friction_at, 1, one))
+            return false;
+    }
+    return true;
+}
+
 static bool good_texts(const Instance *own)
 {
     const Header *h = own->header;
@@ -275,7 +292,7 @@ static bool good_texts(const Instance *own)
             return false;
     return good_names(own, h->rows, h->rows_count) && good_names(own, h->coordinates, h->coordinates_count) &&
            good_names(own, h->cuts, h->cuts_count) && good_names(own, h->loads, h->loads_count) &&
-           good_names(own, h->free_rates, h->free_rates_count) && good_names(own, h->events, h->events_count) && good_supports(own);
+           good_names(own, h->free_rates, h->free_rates_count) && good_names(own, h->events, h->events_count) && good_supports(own) && good_wheels(own);
 }
 
 /* Whether all that the tables refer to is there; the sections are checked before anything in them is read. */

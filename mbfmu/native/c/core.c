@@ -163,6 +163,7 @@ Outcome exit_initialization(Instance *own)
         own->flags[k] = own->flags[k] & RATED ? GIVEN | RATED : 0; /* the first step begins with the rates */
     warn_coarse_tolerance(own);
     warn_limited_rtol(own);
+    watch_wheels(own);
     return OK;
 }
 
@@ -254,6 +255,7 @@ static Outcome go(Instance *own, double t, double length)
     own->reached = own->ended ? clock_of(own) : end;
     log_new(own, status, here);
     own->advanced = !has_events && end > here;
+    watch_wheels(own);
     if (!own->ended)
         return OK;
     describe_end(own, text);

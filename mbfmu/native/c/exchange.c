@@ -380,8 +380,10 @@ Outcome complete_step(Instance *own, const char *call, bool *event, bool *ends)
     int64_t code = call_now(own, own->family->exchange_accept);
     if (own->header->has_events && (code == CODE_OK || code == LEFT_BRANCH))
         *event = call_now(own, own->family->events_exchange_accept) == EVENT_REQUESTED;
-    if (code == CODE_OK)
+    if (code == CODE_OK) {
+        watch_wheels(own);
         return OK;
+    }
     if (code != LEFT_BRANCH) {
         describe_stop(own, code, text);
         return fail(own, ERROR, text);

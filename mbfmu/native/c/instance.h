@@ -36,6 +36,7 @@ struct Instance {
     bool advanced;  /* no entry point was called since a step, which leaves the equations evaluated at its end */
     bool linearized; /* so is the point of directional derivatives: no entry point was called since */
     bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
+    uint64_t warned_lifting, warned_slipping; /* bits of the wheels */
     unsigned reported; /* reasons of discarded evaluations, bits by their codes */
     struct Sundials *sundials; /* NULL: it is not used */
     void *user_library; /* of user-defined kernels; NULL: there are none */
@@ -117,6 +118,7 @@ void warn_filled(Instance *own, const char *form, const double numbers[], const 
 void warn_jump(Instance *own, const RunStatus *status, double t);
 void warn_near_miss(Instance *own);
 void warn_undetermined(Instance *own);
+void watch_wheels(Instance *own);
 void warn_singular_start(Instance *own);
 void warn_coarse(Instance *own, const RunStatus *status);
 

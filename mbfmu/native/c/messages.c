@@ -287,3 +287,50 @@ void warn_singular_start(Instance *own)
     if (count)
         warn_filled(own, SINGULAR_START_TEXT, NULL, texts);
 }
+
+/* Return the force along a constraint equation of a wheel, N, in the last evaluation; zero without the equation. */
+static double force_at(Instance *own, int64_t at)
+{
+    return at < 0 ? 0.0 : -*numbers_at(own, at);
+}
+
+/* Tell once of a wheel that the plane would have to pull, and once if it would slip; a difference of forces counts if
+   it exceeds ``error``, N. */
+static void watch_wheel(Instance *own, const Wheel *wheel, uint64_t bit, double error)
+{
+    const double t = clock_of(own), normal = force_at(own, wheel->normal_at);
+    const double along = force_at(own, wheel->longitudinal_at), across = force_at(own, wheel->lateral_at);
+    const double first = *numbers_at(own, wheel->longitudinal_friction_at);
+    const double second = *numbers_at(own, wheel->lateral_friction_at);
+    const char *const texts[] = {text_at(own, wheel->name)};
+    if (normal < -error) {
+        const double numbers[] = {t, -normal};
+        if (!(own->warned_lifting & bit))
+            warn_filled(own, LIFTING_WHEEL_TEXT, numbers, texts);
+        own->warned_lifting |= bit;
+        return;
+    }
+    if (first == 0.0 || second == 0.0 || own->warned_slipping & bit)
+        return;
+    double needed = hypot(along / first, across / second), carried = fmax(normal, 0.0), force = hypot(along, across);
+    if (!(needed > normal + error))
+        return;
+    const double numbers[] = {t, force, force * carried / needed, carried};
+    warn_filled(own, SLIPPING_WHEEL_TEXT, numbers, texts);
+    own->warned_slipping |= bit;
+}
+
+/* Compare the forces of rolling wheels at the time reached, as mbfmu/session/wheel_monitor.py does. */
+void watch_wheels(Instance *own)
+{
+    const Header *h = own->header;
+    const Wheel *wheels = section(own, h->wheels);
+    const Options *options = (const Options *)(own->block + h->options_at);
+    double largest = 0.0;
+    if (!h->wheels_count || (!own->fresh && evaluate(own) != OK))
+        return;
+    for (int64_t k = 0; k < h->wheels_count; k++)
+        largest = fmax(largest, fabs(force_at(own, wheels[k].normal_at)));
+    for (int64_t k = 0; k < h->wheels_count; k++)
+        watch_wheel(own, wheels + k, UINT64_C(1) << (k < 63 ? k : 63), options->rtol * largest);
+}
