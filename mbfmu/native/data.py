@@ -335,7 +335,9 @@ class _File:
         arrays, lam = self._simulation.compiled.data.arrays, self._image.at(self._instance.lam)
         record = self._image.at(arrays.memory) + int(arrays.cuts["at"][wheel.number])
         places = [lam + 8 * row if row >= 0 else -1 for row in (wheel.normal, *wheel.tangential)]
-        offsets = [RollingWheelRecord.dtype.fields[f"{name}_friction"][1] for name in GRIPS["both"]]
+        fields = RollingWheelRecord.dtype.fields
+        assert fields is not None  # it has names
+        offsets = [fields[f"{name}_friction"][1] for name in GRIPS["both"]]
         return self._add_text(wheel.name), *places, *(record + offset for offset in offsets)
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:

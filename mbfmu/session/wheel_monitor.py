@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -91,9 +92,9 @@ class WheelMonitor:
             limits = [float(record[f"{direction}_friction"]) for direction in GRIPS["both"]]
             if 0.0 in limits:
                 continue
-            needed = float(np.hypot(*(force / mu for force, mu in zip(friction, limits, strict=True))))
+            needed = hypot(*(force / mu for force, mu in zip(friction, limits, strict=True)))
             if needed > normal + error:  # else the force is within the ellipse of friction
-                force, carried = float(np.hypot(*friction)), max(normal, 0.0)
+                force, carried = hypot(*friction), max(normal, 0.0)
                 numbers = {"t": t, "force": force, "limit": force * carried / needed, "normal": carried}
                 yield filled(SLIPPING_WHEEL, time=t, subject=name, name=name, **numbers)
 
