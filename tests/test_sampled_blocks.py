@@ -107,9 +107,7 @@ def test_wrong_blocks_are_refused(change: dict[str, Any], text: str) -> None:
         m.sample_hold("s", 1.0, **change)
 
 
-def test_steady_states_of_sampled_blocks_are_refused() -> None:
-    with pytest.raises(UserError, match=r"has sampled blocks, such as 'control'; allowed: models without them"):
-        mb.equilibrium(controlled_cart())
+def test_outputs_that_a_block_does_not_have_are_refused() -> None:
     control = mb.Mechanism().sample_hold("s", 1.0, period=0.1)
     with pytest.raises(UserError, match="block 's' has no output 1; allowed: 0 to 0"):
         control.value(1)

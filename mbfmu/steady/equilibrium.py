@@ -10,6 +10,7 @@ from mbfmu.modeling.model import Model, as_model
 from mbfmu.steady.linear import StateSpace
 from mbfmu.steady.modes import ModeShapes
 from mbfmu.steady.problem import EquilibriumProblem
+from mbfmu.steady.sampled import use_difference_quotients
 from mbfmu.steady.state import Equilibrium
 from mbfmu.steady.supports import Supports, follow_supports
 from mbfmu.steady.times import finish, hold_start
@@ -29,17 +30,14 @@ def build_problem(model: Model | Mechanism, compiled: CompiledMechanism | None =
     ------
     UserError
         The model cannot be assembled, has no free coordinate, a drive is not at constant speed, or a load never
-        becomes constant; or the model has sampled blocks.
+        becomes constant; or a sampled block rounds its outputs.
     """
     model = as_model(model)
     made = compiled or model.compile()
     if made.system.n == 0:
         raise EquilibriumError(f"model {model.name!r} has no free coordinate; there is no steady state to look for")
-    if sampled := made.mechanism.sampled:
-        raise EquilibriumError(
-            f"model {model.name!r} has sampled blocks, such as {sampled[0].name!r}; allowed: models without them. Use "
-            "continuous blocks in their place, or run the model until it stands"
-        )
+    if made.mechanism.sampled:
+        use_difference_quotients(made, model.name)
     supports = Supports(made, finishes=compiled is None)
     if compiled is None:
         finish(model.name, made)
@@ -104,7 +102,7 @@ def report_unstable(state: Equilibrium) -> list[Diagnostic]:
     """Return a warning if a run that starts in this state leaves it."""
     if not is_unstable(state):
         return []
-    growth = max(mode.eigenvalue.real for mode in state.modes)
+    growth = 0.0 if state.is_sampled else max(mode.eigenvalue.real for mode in state.modes)
     rate = f" by exp({growth:.3g} t), t in s" if growth > 0.0 else ""  # large models: the lowest modes only
     text = (
         f"the steady state in which {state.model.name!r} starts is unstable: deviations, at first those of rounding, "

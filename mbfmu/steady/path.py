@@ -140,6 +140,11 @@ class PathProblem:
     def __init__(self, model: Model | Mechanism, over: str) -> None:
         self.problem = build_problem(model)
         self.compiled, name = self.problem.compiled, self.problem.model.name
+        if self.compiled.mechanism.sampled:
+            raise EquilibriumError(
+                f"model {name!r} has sampled blocks, with which no path is followed; allowed: models without them. Use "
+                "a sweep over a parameter (mbfmu equilibrium --sweep)"
+            )
         inputs = [variable.name for variable in self.compiled.inputs.variables]
         if over not in inputs:
             if over in {p.name for p in self.problem.model.parameters()}:

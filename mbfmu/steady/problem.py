@@ -29,6 +29,7 @@ from mbfmu.steady.checks import STEADY_TOLERANCE, check
 from mbfmu.steady.cyclic import CYCLIC_TOLERANCE, find_cyclic
 from mbfmu.steady.periodic import PeriodicLinearization, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
+from mbfmu.steady.sampled import describe_samples
 from mbfmu.steady.state import Equilibrium, position_names
 from mbfmu.steady.supports import Supports
 from mbfmu.util.diagnostics import Diagnostic
@@ -293,7 +294,7 @@ class EquilibriumProblem:
 
     def _notes(self) -> tuple[Diagnostic, ...]:
         """Return what the steady state is not, though the model's start may have meant it to be."""
-        held = self._held_notes()
+        held = (*self._held_notes(), *describe_samples(self.compiled))
         given, names = self.compiled.assembly.start_velocities(), self.compiled.system.coordinate_names
         given[len(given) - self.compiled.system.n_states :] = 0.0  # where the search for the states begins
         dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]

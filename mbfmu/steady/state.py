@@ -18,6 +18,7 @@ from mbfmu.steady.linear import Mode, StateSpace, modes_as_text
 from mbfmu.steady.modes import LISTED_MODES, ModeShapes, find_spectrum, shapes_of
 from mbfmu.steady.periodic import PeriodicLinearization
 from mbfmu.steady.rigid_body_modes import describe_motions, free_motions
+from mbfmu.steady.sampled import explain_no_modes, multipliers, stability_of
 from mbfmu.util.diagnostics import Diagnosed, Diagnostic, render
 from mbfmu.util.errors import EquilibriumError
 from mbfmu.util.text_table import format_table
@@ -80,9 +81,38 @@ class Equilibrium(Diagnosed):
         self.compiled.observe(0.0, self.q, self.v, np.zeros(self.compiled.system.n), self.lam, out)
         return {v.name: float(x) for v, x in zip(self.compiled.outputs, out, strict=True)}
 
+    @property
+    def is_sampled(self) -> bool:
+        """Whether the model has sampled blocks."""
+        return bool(self.compiled.mechanism.sampled)
+
+    @cached_property
+    def multipliers(self) -> Array | None:
+        """Eigenvalues (k,) of the map of small deviations over a common period of all sampled blocks; None: the model
+        has no sampled blocks, their periods have no common multiple, or the linearized motion is periodic.
+        """
+        return None if self._sample_map is None else self._sample_map[0]
+
+    @cached_property
+    def _sample_map(self) -> tuple[Array, Array] | None:
+        """The multipliers, and what rounding leaves open of them."""
+        if not self.is_sampled or self.periodic:
+            return None
+        linear, blocks = self._linearized, self.compiled.mechanism.sampled
+        return multipliers(blocks, linear.free, list(linear.states[: len(linear.free)]))
+
     @cached_property
     def state_space(self) -> StateSpace:
-        """The linearized motion; EquilibriumError for a large tree, which has no dense matrices."""
+        """The linearized motion; EquilibriumError for a large tree, which has no dense matrices, and for a model with
+        sampled blocks.
+        """
+        if self.is_sampled:
+            raise explain_no_modes(self.model.name)
+        return self._linearized
+
+    @cached_property
+    def _linearized(self) -> StateSpace:
+        """The linearized motion, with the difference quotients of sampled blocks as their rates."""
         if not self.compiled.system.has_matrices:
             raise EquilibriumError(
                 f"model {self.model.name!r} has {self.compiled.system.n} coordinates: too many for state matrices; "
@@ -95,6 +125,8 @@ class Equilibrium(Diagnosed):
         """Eigenvalues of the linearized motion, with what rounding leaves open of them; where its coefficients are
         periodic, its characteristic exponents.
         """
+        if self.is_sampled:
+            raise explain_no_modes(self.model.name)
         if self.periodic:
             return PeriodicLinearization(self.compiled, self.q, self.v, self.lam, self.rows).spectrum()
         if len(self.compiled.system.nonholonomic) and self.v.any():  # constraints of the rates change with positions
@@ -111,8 +143,8 @@ class Equilibrium(Diagnosed):
 
     @property
     def known_modes(self) -> list[Mode]:
-        """The modes; empty if they were not found because the coefficients are periodic."""
-        return [] if self.stability is Stability.UNKNOWN else self.modes
+        """The modes; empty if they were not found because the coefficients are periodic, and with sampled blocks."""
+        return [] if self.is_sampled or self.stability is Stability.UNKNOWN else self.modes
 
     def shapes(self, count: int) -> ModeShapes:
         """Return the slowest natural modes with their shapes in the coordinates; ``print`` writes a table.
@@ -130,8 +162,10 @@ class Equilibrium(Diagnosed):
     def stability(self) -> Stability:
         """Stability of the linearized motion, a text: ``stable`` (it decays), ``undamped`` (some of it oscillates
         undamped), ``neutral`` (some of it drifts), ``unstable``, or ``unknown`` if its coefficients are periodic and
-        ``diagnostics`` give the reason why it was not found.
+        ``diagnostics`` give the reason why it was not found. With sampled blocks it is that of the motion with samples.
         """
+        if self.is_sampled:
+            return Stability.UNKNOWN if self._sample_map is None else stability_of(*self._sample_map)
         try:
             return self.spectrum.stability
         except EquilibriumError:

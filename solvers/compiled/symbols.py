@@ -23,6 +23,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
 from numba.core.typing.templates import make_concrete_template
+from numba.core.typing.typeof import typeof_impl
 
 from .cache import Cache, CacheOnDemand, Locator, source_hash
 from .code_files import hash_of
@@ -224,3 +225,9 @@ class Callback(CFunc):
         """Compile or load it."""
         with global_compiler_lock, shortened(), turns():
             super().compile()
+
+
+@typeof_impl.register(Callback)
+def type_of_callback(callback: Callback, _: Any) -> Any:
+    """Return the type of a callback; numba's own function exists only after numba has compiled something."""
+    return types.FunctionType(callback._sig)  # type: ignore[attr-defined]

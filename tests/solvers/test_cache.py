@@ -342,7 +342,8 @@ import math
 import mbfmu as mb
 
 m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
-m.body("bob", m.ground, mb.Revolute(start=-1.5), **mb.rod(mass=1.0, length=1.0))
+bob = m.body("bob", m.ground, mb.Revolute(start=-1.5), **mb.rod(mass=1.0, length=1.0))
+m.lag("angle", bob.angle(), time_constant=0.1)
 q = mb.equilibrium(m).q
 print(json.dumps({"found": 19.0, "angle": q[0]}))
 """
