@@ -38,6 +38,9 @@ SINGULAR_LENGTH = 2e-4  # shortest equation below which accelerations at a cross
 PROJECTED_LENGTH = 5e-2  # ... below which states are projected before they are evaluated
 LEFT_OUT_LENGTH = 10.0 * SINGULAR_LENGTH  # at a crossing: equations that are shorter lose their rank there
 REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others
+HIDDEN_LENGTH = 1e-6  # ... at a closed position, whatever its rounding errors
+HIDDEN_LENGTH_PER_RESIDUAL = 1e4  # ... elsewhere, at most: 1400 with 60 cranks on one rail
+HIDDEN_LENGTH_FACTOR = 10.0  # from the shortest equation to the next limit below which equations are left out
 CLOSED_RESIDUAL = 1e-13  # of a closed position, in units of the constraint equations: above rounding
 ROUNDING_RESIDUAL = 1e-15  # ... that cannot be reduced
 CORRECTION_ROUNDING = 1e-14  # a correction this small, in units of the coordinates, is rounding
@@ -128,6 +131,71 @@ def shortest_of(report: Reals, rank: int) -> float:
 
 
 @inlined
+def may_hide_redundancy(longest: float, work: EliminationScratch) -> bool:
+    """Whether the last elimination may have solved redundant equations, none of them ``longest`` or longer.
+
+    Off the constraints a redundant equation has a length too: the residual times a factor that grows with the extent of
+    the loops. Solved for, its rounding errors, divided by this length, would move the mechanism along its free
+    directions. It is redundant if the equations that are longer have the rank of the motion.
+    """
+    report = work.report
+    limit = min(HIDDEN_LENGTH_PER_RESIDUAL * report[RESIDUAL], longest)
+    return work.near[0].rank > 0 and report[RANK] >= work.near[0].rank and report[SHORTEST] < limit
+
+
+@kernel
+def find_position_correction(
+    eqs: EliminationEquations, t: float, q: Reals, drop: float, closed: float, work: EliminationScratch
+) -> float:
+    """work.change (n,) <- the change of the coordinates that closes the linearized constraints, without equations
+    shorter than ``drop`` and without redundant ones; return the largest residual. At most ``closed``: nothing is
+    changed.
+    """
+    report = work.report
+    eqs.correct_position(t, q, eqs.elimination, drop, closed, work.change, report)
+    residual: float = report[RESIDUAL]
+    while residual > closed and may_hide_redundancy(LEFT_OUT_LENGTH, work):
+        shorter, drop = drop, HIDDEN_LENGTH_FACTOR * report[SHORTEST]
+        eqs.correct_position(t, q, eqs.elimination, drop, closed, work.change, report)
+        if report[RANK] < work.near[0].rank:
+            eqs.correct_position(t, q, eqs.elimination, shorter, closed, work.change, report)
+            break
+    return residual
+
+
+@kernel
+def find_velocity_correction(
+    eqs: EliminationEquations, t: float, q: Reals, v: Reals, drop: float, work: EliminationScratch
+) -> None:
+    """work.change (n,) <- the change of velocities that makes them consistent, as :func:`find_position_correction`."""
+    report = work.report
+    eqs.correct_velocity(t, q, v, eqs.elimination, drop, work.change, report)
+    while may_hide_redundancy(LEFT_OUT_LENGTH, work):
+        shorter, drop = drop, HIDDEN_LENGTH_FACTOR * report[SHORTEST]
+        eqs.correct_velocity(t, q, v, eqs.elimination, drop, work.change, report)
+        if report[RANK] < work.near[0].rank:
+            eqs.correct_velocity(t, q, v, eqs.elimination, shorter, work.change, report)
+            break
+
+
+@kernel
+def find_accelerations(
+    eqs: EliminationEquations, t: float, q: Reals, v: Reals, loaded: bool, work: EliminationScratch,
+    qdot: Reals, a: Reals, lam: Reals,
+) -> bool:  # fmt: skip
+    """As :func:`accelerate`, without redundant equations of closed states; False: a motion has no mass."""
+    report, drop = work.report, REDUNDANT_LENGTH
+    failed = eqs.accelerate(t, q, v, eqs.elimination, drop, loaded, qdot, a, lam, report)
+    while failed == 0 and may_hide_redundancy(HIDDEN_LENGTH_PER_RESIDUAL * CLOSED_RESIDUAL, work):
+        shorter, drop = drop, HIDDEN_LENGTH_FACTOR * report[SHORTEST]
+        failed = eqs.accelerate(t, q, v, eqs.elimination, drop, loaded, qdot, a, lam, report)
+        if failed != 0 or report[RANK] < work.near[0].rank:
+            failed = eqs.accelerate(t, q, v, eqs.elimination, shorter, loaded, qdot, a, lam, report)
+            break
+    return failed == 0
+
+
+@inlined
 def closed_residual(closed: float, near: NearSingularRecord) -> float:
     """Largest residual of a closed position where the shortest equation is as it was evaluated last: such that errors
     of accelerations are no larger than far from singular configurations, where it is ``closed``, as far as rounding
@@ -148,8 +216,7 @@ def close_position(eqs: EliminationEquations, t: float, q: Reals, closed: float,
     report, previous = work.report, np.inf
     closed = closed_residual(closed, work.near[0])
     for _ in range(MAX_PROJECTION_CORRECTIONS):
-        eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, closed, work.change, report)
-        residual = report[RESIDUAL]
+        residual = find_position_correction(eqs, t, q, REDUNDANT_LENGTH, closed, work)
         if not np.isfinite(residual):
             return NOT_FINITE
         if residual <= closed:
@@ -177,7 +244,7 @@ def project(eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: flo
         return code
     eqs.retract(q, work.zero, eqs.data)  # quaternions to unit length
     report, near = work.report, work.near[0]
-    eqs.correct_velocity(t, q, v, eqs.elimination, REDUNDANT_LENGTH, work.change, report)
+    find_velocity_correction(eqs, t, q, v, REDUNDANT_LENGTH, work)
     if is_near_crossing(q, shortest_of(report, near.rank), work):
         eqs.correct_velocity(t, q, v, eqs.elimination, LEFT_OUT_LENGTH, work.change, report)
     changed, speed = largest_change(work.change, work.size), MIN_SPEED_RATIO * work.coordinate_rates[0]
@@ -205,7 +272,7 @@ def accelerate(
     """N v (nq,), accelerations a (n,) and, if ``loaded``, multipliers lam (m,) with all equations that are not
     redundant; record the shortest one.
     """
-    if eqs.accelerate(t, q, v, eqs.elimination, REDUNDANT_LENGTH, loaded, qdot, a, lam, work.report) != 0:
+    if not find_accelerations(eqs, t, q, v, loaded, work, qdot, a, lam):
         return NO_MASS
     work.near[0].shortest = shortest_of(work.report, work.near[0].rank)
     for i in range(a.shape[0]):
@@ -238,6 +305,11 @@ def find_normal_rank(eqs: EliminationEquations, t: float, q: Reals, v: Reals, wo
             eqs.retract(work.q_near, work.change, eqs.data)
             if close_position(eqs, t, work.q_near, CLOSED_RESIDUAL, work) != OK:
                 continue
+        # what redundant equations are off is as long as the residual: closed further by those that are surely not
+        eqs.correct_position(
+            t, work.q_near, eqs.elimination, HIDDEN_LENGTH, ROUNDING_RESIDUAL, work.change, work.report
+        )
+        eqs.retract(work.q_near, work.change, eqs.data)
         eqs.correct_position(t, work.q_near, eqs.elimination, REDUNDANT_LENGTH, -1.0, work.change, work.report)
         rank = max(rank, int(work.report[RANK]))
     return rank

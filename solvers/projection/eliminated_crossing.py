@@ -25,6 +25,7 @@ from .eliminated import (
     SINGULAR_LENGTH,
     accelerate,
     close_position,
+    find_position_correction,
     largest_distance,
     project,
     shortest_of,
@@ -85,7 +86,7 @@ def close_neighbor(
     eqs.retract(work.q_near, work.change, eqs.data)
     if close_position(eqs, t + time, work.q_near, CLOSED_RESIDUAL, work) != OK:
         return -1.0
-    eqs.correct_position(t + time, work.q_near, eqs.elimination, REDUNDANT_LENGTH, -1.0, work.change, work.report)
+    find_position_correction(eqs, t + time, work.q_near, REDUNDANT_LENGTH, -1.0, work)
     return shortest_of(work.report, work.near[0].rank)
 
 

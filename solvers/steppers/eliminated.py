@@ -17,6 +17,7 @@ from solvers.projection.eliminated import (
     REDUNDANT_LENGTH,
     EliminationScratch,
     find_normal_rank,
+    find_position_correction,
     largest_distance,
     project,
     shortest_of,
@@ -60,7 +61,7 @@ def begin_motion(eqs: EliminationEquations, t: float, q: Array, v: Array, work: 
     code = project(eqs, t, q, v, CLOSED_RESIDUAL, work)
     if code == OK:
         work.near[0].rank = find_normal_rank(eqs, t, q, v, work)
-        eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, -1.0, work.change, work.report)
+        find_position_correction(eqs, t, q, REDUNDANT_LENGTH, -1.0, work)
         work.near[0].shortest = shortest_of(work.report, work.near[0].rank)
     return code
 

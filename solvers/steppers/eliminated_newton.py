@@ -24,7 +24,13 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.tuple_pointer import unpin
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions, as_motion, as_slope
-from solvers.projection.eliminated import CLOSED_RESIDUAL, MIN_SPEED_RATIO, REDUNDANT_LENGTH, project
+from solvers.projection.eliminated import (
+    CLOSED_RESIDUAL,
+    MIN_SPEED_RATIO,
+    REDUNDANT_LENGTH,
+    find_velocity_correction,
+    project,
+)
 from solvers.projection.eliminated_crossing import MAX_TURN, evaluate_closed
 from solvers.system import Array
 
@@ -220,11 +226,9 @@ def remove_normal_part(problem: Integration) -> None:
     scale = work.speed[0] / largest
     for i in range(work.guess.shape[0]):
         work.dtheta[i] = work.v_factored[i] + scale * work.guess[i]
-    eqs.correct_velocity(
-        work.t[0], work.q_factored, work.dtheta, eqs.elimination, REDUNDANT_LENGTH, work.change, work.loops.report
-    )
+    find_velocity_correction(eqs, work.t[0], work.q_factored, work.dtheta, REDUNDANT_LENGTH, work.loops)
     for i in range(work.guess.shape[0]):
-        work.change[i] /= -scale
+        work.change[i] = work.loops.change[i] / -scale
         work.guess[i] -= work.change[i]
 
 

@@ -43,6 +43,9 @@ from .eliminated import EliminationData
 from .records import EliminationArrays, EliminationMemory
 
 REDUNDANT_LENGTH = 1e-10  # of an equation that depends on others, as in solvers.projection.eliminated
+HIDDEN_LENGTH_PER_RESIDUAL, HIDDEN_LENGTH_FACTOR = 1e4, 10.0  # as there
+MAX_HIDDEN_LENGTH = 2e-3  # of a redundant equation where loops are off
+MAX_DEPENDENT_RESIDUAL_RATIO = 1e-3  # of the equations left out, to the largest residual; theirs is of second order
 MAX_DENSE_LOOP_COORDINATES = 100  # coordinates up to which loops are closed by dense matrices
 DEPENDENT_LENGTH = 1e-4  # ... of one that is reported; a loop closed to 1e-11 may be so near a singular configuration
 
@@ -50,6 +53,23 @@ DEPENDENT_LENGTH = 1e-4  # ... of one that is reported; a loop closed to 1e-11 m
 @kernel
 def _correct_position(eqs: Any, t: float, q: Any, drop: float, closed: float, dq: Any, report: Any) -> None:
     eqs.correct_position(t, q, eqs.elimination, drop, closed, dq, report)
+
+
+@kernel
+def find_closing_change(eqs: Any, t: float, q: Any, change: Any, report: Any) -> None:
+    """change (n,) of the coordinates that closes the linearized equations; none if they are closed.
+
+    Redundant equations are as long as the positions are off. Solved for, their rounding errors would be divided by this
+    length. So equations as short as that are left out if the others leave nothing of their residual.
+    """
+    eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, GAP_TOLERANCE, change, report)
+    drop, limit = REDUNDANT_LENGTH, min(HIDDEN_LENGTH_PER_RESIDUAL * report[RESIDUAL], MAX_HIDDEN_LENGTH)
+    while report[RESIDUAL] > GAP_TOLERANCE and report[SHORTEST] < limit:
+        shorter, drop = drop, HIDDEN_LENGTH_FACTOR * report[SHORTEST]
+        eqs.correct_position(t, q, eqs.elimination, drop, GAP_TOLERANCE, change, report)
+        if report[DROPPED_RESIDUAL] > max(MAX_DEPENDENT_RESIDUAL_RATIO * report[RESIDUAL], 0.1 * GAP_TOLERANCE):
+            eqs.correct_position(t, q, eqs.elimination, shorter, GAP_TOLERANCE, change, report)
+            break
 
 
 @kernel
@@ -62,7 +82,7 @@ def iterate_to_closed(eqs: Any, t: float, q: Any, size: Any, weight: Any, change
     for i in range(size.shape[0]):
         own.size[i] = size[i] * weight[i]
     for _ in range(MAX_ITERATIONS):
-        eqs.correct_position(t, q, eqs.elimination, REDUNDANT_LENGTH, GAP_TOLERANCE, change, report)
+        find_closing_change(eqs, t, q, change, report)
         error = report[RESIDUAL]
         if error <= GAP_TOLERANCE:
             return True
