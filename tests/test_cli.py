@@ -544,6 +544,7 @@ def test_models_and_scenes_are_listed(command: Command) -> None:
 COMPLETED = {
     "mbfmu ru": "run",
     "mbfmu run fourb": "fourbar/paper",
+    "mbfmu -q view fourb": "fourbar/paper",
     "mbfmu run fourbar --solver ad": "adams",
     "mbfmu run fourbar --max-": "--max-order",
     "mbfmu run fourbar --set crank_m": "crank_mass=",

@@ -32,6 +32,11 @@ def scene_names(prefix: str = "", **_: Any) -> list[str]:
     return [*model_names(), *shipped, *files]
 
 
+def motion_names(prefix: str = "", **_: Any) -> list[str]:
+    """Return what can be viewed: models, scenes and their files, and pose files."""
+    return [*scene_names(prefix), *FilesCompleter(allowednames=(".npz",))(prefix)]
+
+
 def parameter_names(parsed_args: argparse.Namespace, **_: Any) -> list[str]:
     """Return the parameters of the model that the command line names."""
     try:

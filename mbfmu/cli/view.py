@@ -38,6 +38,7 @@ from .common import (
     progress,
     scene_of,
 )
+from .completion import complete, motion_names
 
 SCENE_OPTIONS = ("set", "input", *(setting.name for setting in declared(Settings)), "stop_time", "interval")
 
@@ -59,9 +60,10 @@ def add(commands: Commands, about: str) -> None:
         "pose file motion.npz of `mbfmu run`, or a scene or model, which is then simulated directly.",
         epilog=VIEW_EXAMPLES,
     )
-    p.add_argument(
+    given = p.add_argument(
         "scene", metavar="result", help="pose file .npz, scene file, model name, model/scene, or my_model.py:MyModel"
     )
+    complete(given, motion_names)
     p.add_argument(
         "-o",
         "--output",
