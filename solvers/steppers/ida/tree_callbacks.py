@@ -15,8 +15,10 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
 from solvers.inertia import tolerance_factor, update_tree_growth
 from solvers.linalg.inversion import invert
-from solvers.outcome import OK
+from solvers.outcome import NOT_CLOSED, OK
 from solvers.positions import as_motion, as_slope
+from solvers.projection.projection import RESIDUAL_TOLERANCE
+from solvers.projection.tree_constraints import project_state
 from solvers.system import Array
 
 from .dense_callbacks import RTOL_EXPONENT
@@ -273,14 +275,38 @@ def record_energy(t: float, y: Reals, slopes: Reals, problem: Integration) -> No
 
 
 @kernel
+def is_closed(t: float, y: Reals, problem: Integration) -> bool:
+    """Whether the constraints can be satisfied next to the unknowns y (N,).
+
+    IDA's regularization leaves a residual where drives contradict each other. Errors of the positions leave one too,
+    which the projection removes.
+    """
+    eqs, work, own = problem.eqs, problem.work, problem.work.constraints
+    for i in range(work.q.shape[0]):
+        work.q[i] = y[i]
+    for i in range(work.v.shape[0]):
+        work.v[i] = y[work.q.shape[0] + i]
+    eqs.position(t, work.q, eqs.data, own.terms)
+    off = 0.0
+    for row in range(own.row_size.shape[0]):
+        off = max(off, abs(own.terms.Phi[row] / own.row_size[row]))
+    if off <= max(RESIDUAL_TOLERANCE, problem.settings[0].motion_rtol):
+        return True
+    closed: bool = project_state(eqs, t, work.q, work.v, work.size, own) != NOT_CLOSED
+    return closed
+
+
+@kernel
 def accept_step(t: float, y: Reals, slopes: Reals, problem: Integration) -> int:
-    """Accept IDA's step to (t, y)."""
+    """Accept IDA's step to (t, y); return a code, NOT_CLOSED: constraints contradict each other there."""
     eqs, memory, work, progress = problem.eqs, problem.memory, problem.work, problem.memory.progress[0]
     memory.counts[STEPS] += 1.0
     progress.max_next_step, progress.t_reached = eqs.longest_load_step(progress.last_step, eqs.data), t
     if work.inertia[0].watched == 1:  # where Newton's last correction began
         eqs.inertia_parts(eqs.data, work.parts)
         update_tree_growth(t, work.parts, work.own.scratch.v, work)
+    if work.constraints.row_size.shape[0] > 0 and not is_closed(t, y, problem):
+        return NOT_CLOSED
     if progress.energy_check == 1:
         record_energy(t, y, slopes, problem)
     return OK
