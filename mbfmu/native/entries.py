@@ -7,7 +7,7 @@ them on by their addresses.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +28,6 @@ from mbfmu.session.kernels.event_points import EventSearch
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
-from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, records, types
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import ACCOUNT_SIZE, WORK, EnergyScales
@@ -37,7 +36,6 @@ from solvers.options import OPTIONS
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions
 from solvers.stepper import advance_in_pieces_of
-from solvers.steppers import drop_unlisted, eliminates_implicitly
 from solvers.steppers.step_control import TRUNCATED_STEPS
 from solvers.steppers.step_loop import Integration
 from solvers.system import Array
@@ -45,18 +43,18 @@ from solvers.system import Array
 from . import eliminated
 from .derivatives import Linearization, empty_linearized, to_linearized
 from .event_exchange import event_exchange_entries
-from .event_memory import StepBegin, empty_memory, memory_of, refuse_unsupported
+from .event_memory import StepBegin, empty_memory, memory_of
 from .event_steps import event_entries
 from .exchange_memory import Exchange
-from .families import ELIMINATED_FAMILIES, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
+from .families import ELIMINATED_FAMILIES, FAMILIES
 from .image import MemoryImage
 from .kernel_table import kernel_numbers, numbers_in_fmu
 from .model_exchange import FORMULATIONS, exchange_entries
+from .refusals import refuse_model
 from .sampled_blocks import no_sampled_memory, sampled_memory
 from .start_checks import Start, check_resolution, find_misplaced
 from .steady_export import steady_start
 from .steady_start import SteadyStart
-from .sundials_files import SUNDIALS_SOLVERS
 
 
 class Instance(NamedTuple):
@@ -173,18 +171,6 @@ def uses_sundials(instance: Instance) -> bool:
     return "ida" in instance.given.memory._fields
 
 
-def supported_events(simulation: Simulation) -> tuple[bool, bool, str]:
-    """Return whether impulses, and locks of joints, are supported, and a description of such models if they are not."""
-    system, jumps = simulation.compiled.system, FAMILIES[family_of(simulation)].jumps
-    if jumps is None:
-        return False, False, "large models with cut joints or couplings"
-    if system.m:
-        return True, False, "models with cut joints or couplings"
-    if len(simulation.compiled.data.state.bearings):
-        return True, False, "models with joint friction that follows reactions"
-    return True, jumps.locks, f"large models with the solver {simulation.solver_choice.solver!r}"
-
-
 def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Instance, MemoryImage]:
     """Return the instance of a simulation that has just been made, and its block; see :func:`instance_of`.
 
@@ -193,47 +179,33 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
     UserError
         Its solver, or a kernel of it, is not in the runtime.
     """
-    family, system = family_of(simulation), simulation.compiled.system
-    if not system.has_matrices and system.nonsmooth_reason and simulation.solver_choice.solver in SUNDIALS_SOLVERS:
-        raise UserError(
-            f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model, since "
-            f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
-            "not-native",
-        )
-    if system.n_states and simulation.steady_state is not None:
-        raise UserError(
-            f"native FMUs do not start in the steady state of a model with first-order states, such as "
-            f"{system.coordinate_names[-1]!r}; set start_at_equilibrium to false, or export it with --python",
-            "not-native",
-        )
-    is_large = not system.has_matrices or eliminates_implicitly(simulation.solver_choice.solver, system)
-    if is_large and family not in (ELIMINATED_FAMILIES if system.m else TREE_FAMILIES):
-        implicit = "'adams', 'hybrid' and 'ida'" if eliminates_implicitly("ida", system) else "'adams' and 'hybrid'"
-        allowed = implicit if system.m else "'adams', 'hybrid', 'ida' and 'esdirk'"
-        raise UserError(
-            f"native FMUs do not support solver {simulation.solver_choice.solver!r} for this large model of {system.n} "
-            f"joint coordinates and {system.m} constraint equations; allowed: {allowed}. Use one of these, or export "
-            "it with --python",
-            "not-native",
-        )
-    if not family:
-        raise UserError(
-            f"native FMUs do not support the solver {simulation.solver_choice.solver!r}; allowed: "
-            f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
-            "not-native",
-        )
-    events = simulation.compiled.mechanism.events
-    refuse_unsupported(simulation.compiled, *supported_events(simulation))
-    instance, arrays = instance_of(simulation, differentiates), simulation.compiled.data.arrays
-    compiled, known = simulation.compiled, numbers_in_fmu(called_in_steps(simulation.compiled, family))
-    tables = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
+    family, compiled = family_of(simulation), simulation.compiled
+    refuse_model(simulation, family)
+    instance = instance_of(simulation, differentiates)
+    tables = _kernel_tables(compiled, instance, family, differentiates)
+    restarts = any(event.restarts for event in compiled.mechanism.events)
+    snapshot = instance.step_begin.snapshot(instance.events.control, restarts) if has_events(compiled) else None
+    return instance, MemoryImage(instance, _saved_arrays(compiled, instance, family), tables, snapshot)
+
+
+def _kernel_tables(
+    compiled: CompiledMechanism, instance: Instance, family: str, differentiates: bool
+) -> list[tuple[NDArray[np.int64], Sequence[int]]]:
+    """Return the tables of addresses of kernels, with the numbers of these kernels in the runtime."""
+    known, arrays = numbers_in_fmu(called_in_steps(compiled, family)), compiled.data.arrays
+    tables: list[tuple[NDArray[np.int64], Sequence[int]]] = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
     if FAMILIES[family].uses_tangent:
         table = unpin(unpin(instance.given.eqs.tangent).arrays).kernels
         tables.append((table, kernel_numbers(compiled.called(TANGENT_NUMBERS), known)))
     if differentiates:
         linear = unpin(unpin(instance.linearization.data).arrays)
         tables.append((linear.kernels, kernel_numbers(compiled.called(LINEARIZED), known)))
-    own, start = instance.given, instance.start
+    return tables
+
+
+def _saved_arrays(compiled: CompiledMechanism, instance: Instance, family: str) -> list[NDArray[Any]]:
+    """Return the arrays that are saved and restored, those of the solver first."""
+    own, start, arrays = instance.given, instance.start, compiled.data.arrays
     memory = own.memory
     state = [
         *(memory.memory() if uses_sundials(instance) else memory),
@@ -252,11 +224,7 @@ def image_of(simulation: Simulation, differentiates: bool = False) -> tuple[Inst
         state += eliminated.units_of(instance.eqs)
     state += instance.session.memory()
     state += [array for array in arrays if array is not arrays.kernels]
-    state += instance.exchange.memory()
-    step_begin = instance.step_begin
-    restarts = any(event.restarts for event in events)
-    snapshot = step_begin.snapshot(instance.events.control, restarts) if has_events(compiled) else None
-    return instance, MemoryImage(instance, state, tables, snapshot)
+    return [*state, *instance.exchange.memory()]
 
 
 def example(name: str) -> Any:

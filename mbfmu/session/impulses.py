@@ -15,7 +15,7 @@ from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO
 from solvers.projection.rank import find_normal_rank
 from solvers.projection.workspace import Workspace
-from solvers.system import Array, Equations, System, Terms
+from solvers.system import Array, Equations, System, Terms, TreeSystem
 
 from .run_messages import MASSLESS_EVENT, SINGULAR_EVENT
 
@@ -164,7 +164,8 @@ def velocity_jump(
     """Return the jump of the velocities by impulses on the coordinates.
 
     The jump is N (N^T M N)^-1 N^T p with a basis N of the motions that the constraints allow (J N = 0), in units of the
-    coordinates and of the rows of J. An impulse that no motion follows has none.
+    coordinates and of the rows of J. An impulse that no motion follows has none. In large models without constraints it
+    is M^-1 p, by the recursions along the tree.
 
     Parameters
     ----------
@@ -187,6 +188,8 @@ def velocity_jump(
         configuration.
     """
     system = compiled.system
+    if isinstance(system, TreeSystem) and not system.m:
+        return tree_jump(system, t, q, v, impulses)
     dense: Any = system if system.has_matrices else system.dense()
     moving, motions, jump = dense.n_velocities, allowed_motions(dense, t, q, v, resolution), np.zeros(impulses.shape)
     size = dense.size[:moving]
@@ -198,6 +201,22 @@ def velocity_jump(
             raise UndeterminedJumpError(SINGULAR_EVENT)
     jump[..., :moving] = size * found
     return jump
+
+
+def tree_jump(system: TreeSystem, t: float, q: Array, v: Array, impulses: Array) -> Array:
+    """Return M^-1 p for impulses p (n,) or (k, n) on a large tree, by its articulated inertias.
+
+    Raises
+    ------
+    UndeterminedJumpError
+        A free motion has no mass.
+    """
+    jumps, given = np.zeros_like(np.atleast_2d(impulses)), np.atleast_2d(impulses)
+    if system.forward(t, q, v, system.pinned_data, np.zeros(system.nq), np.zeros(system.n)):
+        raise UndeterminedJumpError(MASSLESS_EVENT)
+    for p, jump in zip(given, jumps, strict=True):
+        system.mobility(p, system.pinned_data, jump)
+    return jumps.reshape(impulses.shape)
 
 
 def respond(motions: Motions, rank: int, given: Array) -> Array:
