@@ -170,6 +170,19 @@ def spherical_friction() -> Sketch:
     return s
 
 
+@element("SlippingWheel")
+def slipping_wheel() -> Sketch:
+    """A wheel that is pressed on a road, which pushes it forwards and sideways."""
+    s = Sketch(-48.0, 24.0)
+    R = 0.95
+    s.show(s.a, BLUE, disc(R, 0.4, (0.0, 0.0, R), "y"), disc(0.15, 0.8, (0.0, 0.0, R), "y"))
+    s.mechanism.force("f", mbm.SlippingWheel(radius=R, stiffness=1.0, friction=1.0, at_a=(0.0, 0.0, R)), s.a)
+    s.show(s.mechanism.ground, GRAY, block((3.4, 2.4, 0.1), (0.0, 0.0, -0.05)))
+    for end in ((0.0, -0.25, 0.75), (0.8, -0.25, 0.0), (0.0, -1.1, 0.0)):
+        s.line([(0.0, -0.25, 0.0), end], FORCE, heads="end")
+    return s
+
+
 @element("DistanceStop")
 def distance_stop() -> Sketch:
     """A slack rope between two bodies."""

@@ -52,14 +52,15 @@ LIFTING_WHEEL = Diagnostic.warning(
     "lifting-wheel",
     "wheel {name!r} would lift at t = {t:.9g} s: its plane would have to pull it with {force:.3g} N to keep contact. "
     "The motion from there on is that of a wheel that cannot lift",
-    "Reduce speeds, correct the normal of the plane, or replace the wheel by a user-defined contact force",
+    "Reduce speeds, correct the normal of the plane, or use a SlippingWheel, which may lift",
 )
 SLIPPING_WHEEL = Diagnostic.warning(
     "slipping-wheel",
     "wheel {name!r} would slip at t = {t:.9g} s: without slip it needs a friction force of {force:.3g} N, but friction "
     "transmits at most {limit:.3g} N at the normal force {normal:.3g} N. The motion from there on is that of a wheel "
     "that cannot slip",
-    "Reduce the torque, the speed or the slope, or increase the friction or the normal force",
+    "Reduce the torque, the speed or the slope, increase the friction or the normal force, or use a SlippingWheel, "
+    "which may slip",
 )
 SINGULAR_START = Diagnostic.warning(
     "singular-start",

@@ -94,7 +94,11 @@ def _callbacks(data: StateEquations) -> tuple[Any, Any]:
     if not COMPILED:
         return dynamics, retract
     held, terms, vector = pointer_type(data), pointer_type(Terms.allocate(1, 1, 1, complex)), types.complex128[::1]
-    return (
-        callback(types.void(types.float64, vector, vector, held, terms))(dynamics),
-        callback(types.void(vector, vector, held))(retract),
-    )
+    signatures = types.void(types.float64, vector, vector, held, terms), types.void(vector, vector, held)
+    functions: tuple[Any, ...] = dynamics, retract
+    made: list[Any] = []
+    for signature, function in zip(signatures, functions, strict=True):
+        made.append(callback(signature)(function))
+        # numba does not find the type of a callback in a process that has loaded all code and compiled none
+        made[-1]._numba_type_ = types.FunctionType(signature)
+    return made[0], made[1]

@@ -15,7 +15,16 @@ from mbfmu.mechanics.cuts.base import AxisCut
 from mbfmu.mechanics.joints import Joint
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.kind import element_types_of
-from mbfmu.mechanics.loads import Damper, DistanceStop, Force, JointStop, LineForce, Spring, TorsionSpring
+from mbfmu.mechanics.loads import (
+    Damper,
+    DistanceStop,
+    Force,
+    JointStop,
+    LineForce,
+    SlippingWheel,
+    Spring,
+    TorsionSpring,
+)
 from mbfmu.mechanics.loads.bristle import BristleFriction
 from mbfmu.mechanics.signals import Harmonic, Polynomial
 from mbfmu.sheets import joints as sheet_joints
@@ -26,7 +35,9 @@ JOINTS, CUTS, COUPLINGS = (
     element_types_of(cuts, CutJoint),
     element_types_of(couplings, Coupling),
 )
-FORCES = [kind for kind in element_types_of(loads, Force) if not issubclass(kind, BristleFriction)]  # of states
+FORCES = [  # without first-order states
+    kind for kind in element_types_of(loads, Force) if not issubclass(kind, BristleFriction | SlippingWheel)
+]
 TURNING = ("rotational_stiffness", "rotational_damping")
 NUMBERS = ("stiffness", "damping", *TURNING, "free", "axial", "torsion", "bending_y", "bending_z")
 

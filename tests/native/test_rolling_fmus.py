@@ -15,6 +15,7 @@ import mbfmu as mb
 from mbfmu.fmi.export import export
 
 G, MASS = 9.81, 2.0
+BALL_RATE = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # m/s, rad/s
 needs_compiler = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
 
 
@@ -43,25 +44,44 @@ class Disk(mb.Model):
         rolling = mb.RollingWheel(radius=R, grip="longitudinal", friction=self.friction)
         road = m.cut("road", rolling, m.ground, wheel)
         m.force("push", mb.PointForce(magnitude=self.push * MASS * G, axis="x"), cart)
+        ball = m.body(
+            "ball",
+            m.ground,
+            mb.Floating(start=(0.0, 0.0, 0.999 * R, 1.0, 0.0, 0.0, 0.0), rate=BALL_RATE),
+            mass=MASS,
+            inertia=(0.4 * MASS * R**2,) * 3,
+        )
+        tire = mb.SlippingWheel(
+            radius=R,
+            crown_radius=R,
+            stiffness=1e3 * MASS * G / R,
+            damping=1.0 / np.sqrt(G * R),
+            friction=self.friction,
+            deflection=1e-3 * R,
+        )
+        m.force("tire", tire, ball)
         for axis in "xyz":
             m.output(axis, disk.position(axis))
         m.output("normal", contact.force("normal"))
         m.output("way", cart.position("x"))
         m.output("demand", road.required_friction())
+        m.output("slid", ball.position("x"))
         return m
 
 
-NAMES = "x", "y", "z", "normal", "way", "demand"
+NAMES = "x", "y", "z", "normal", "way", "demand", "slid"
 
 
-def exact(t: Any, size: float, push: float = 1.0) -> Any:
+def exact(t: Any, size: float, push: float = 1.0, friction: float = 0.3) -> Any:
     """NAMES: a circle of the radius R spin / yaw', and x'' = F / (m + C / R^2), of which C x'' / R^2 is friction."""
     lean, turning = 0.35, 1.7 * np.sqrt(G / size)
     w_u, w_e = -turning * np.cos(lean), turning * np.sin(lean)
     spin = (0.25 * w_e * w_u + G / size * np.sin(lean)) / (1.5 * w_u)
     radius, angle = size * spin / turning, turning * t
     circle = radius * np.sin(angle), radius * (1.0 - np.cos(angle)), 0.0 * t + size * np.cos(lean)
-    return *circle, 0.0 * t + MASS * G, push * G / 1.5 * t**2 / 2.0, 0.0 * t + abs(push) / 3.0
+    s = np.minimum(t, 1.0 / (friction * G * 3.5))  # until the ball rolls
+    slid = s - 0.5 * friction * G * s**2 + (1.0 - friction * G * s) * (t - s)
+    return *circle, 0.0 * t + MASS * G, push * G / 1.5 * t**2 / 2.0, 0.0 * t + abs(push) / 3.0, slid
 
 
 def run(path: Path, duration: float, kind: str = "CoSimulation", **start: float) -> tuple[Any, list[str]]:
@@ -95,6 +115,8 @@ def test_native_fmu_rolls_as_the_simulation_and_the_closed_form(tmp_path: Path, 
             duration = 2.0 * np.sqrt(size)
             found, said = run(path, duration, kind, radius=size, push=push, friction=friction)
             values = np.array([found[name] for name in NAMES])
-            units = np.array([size, size, size, MASS * G, size, 1.0])[:, np.newaxis]
-            np.testing.assert_allclose(values / units, np.array(exact(found["time"], size, push)) / units, atol=2e-6)
+            units = np.array([size, size, size, MASS * G, size, 1.0, 1e3 * size])[:, np.newaxis]
+            np.testing.assert_allclose(
+                values / units, np.array(exact(found["time"], size, push, friction)) / units, atol=2e-6
+            )
             assert not said, (size, kind)

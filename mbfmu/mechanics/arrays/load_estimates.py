@@ -39,6 +39,9 @@ def fill_estimates(mechanism: Mechanism, system: System, data: Data, length: flo
     inertias = coordinate_inertias(system, start_positions(mechanism))
     for acting, record in found:
         body = acting.bodies[0]
+        if not acting.load.on_joint:
+            acting.load.fill_estimates(record, float(data.arrays.bodies["mass"][body.index]), length)
+            continue
         k = int(data.arrays.bodies["vf"][body.index])
         along = np.array(acting.load.coordinates)
         inertia = float(inertias[k + along].mean()) if k >= 0 else 0.0  # else a drive moves it
@@ -55,8 +58,11 @@ def unresolved_loads(
     """
     found = []
     for acting, record in sticking_loads(mechanism, data):
-        body, displacement = acting.bodies[0], acting.load.resolved_displacement(record)
-        allowed = tolerance * float(joint_sizes(body.name, body.joint, length)[acting.load.coordinates[0]])
+        displacement, size = acting.load.resolved_displacement(record), length
+        if acting.load.on_joint:
+            body = acting.bodies[0]
+            size = float(joint_sizes(body.name, body.joint, length)[acting.load.coordinates[0]])
+        allowed = tolerance * size
         if displacement < (1.0 - 1e-9) * allowed:
             found.append((acting.what, displacement, allowed))
     return found

@@ -29,6 +29,7 @@ from mbfmu.mechanics.checks import Matrix, one_of
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import arm
+from mbfmu.mechanics.wheels import add3, cross3, dot3, heading
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
 from solvers.compiled.record import f8, i8
@@ -53,24 +54,6 @@ class RollingWheelRecord(CutJointRecord):
 
 
 @kernel
-def cross3(a: Any, b: Any) -> Any:
-    """a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def dot3(a: Any, b: Any) -> Any:
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def add3(a: Any, x: Any, b: Any) -> Any:
-    """a + x b."""
-    return a[0] + x * b[0], a[1] + x * b[1], a[2] + x * b[2]
-
-
-@kernel
 def evaluate(cut: RollingWheelRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
     """See :mod:`.base`."""
     radius, crown = cut.radius, cut.crown
@@ -78,13 +61,11 @@ def evaluate(cut: RollingWheelRecord, A: MotionRecord, B: MotionRecord, row: int
     vb, wb = (B.Y[0], B.Y[1], B.Y[2]), (B.Y[3], B.Y[4], B.Y[5])
     n, e, center = arm(A, cut.Ra[:, 2]), arm(B, cut.Rb[:, 2]), arm(B, cut.Pb)
     dn, de = cross3(wa, n), cross3(wb, e)
-    across = cross3(e, n)
     d_across = add3(cross3(de, n), 1.0, cross3(e, dn))
-    s = np.sqrt(dot3(across, across))
-    ds = dot3(across, d_across) / s
-    t = across[0] / s, across[1] / s, across[2] / s
+    s, t, u = heading(e, n)
+    ds = dot3(t, d_across)
     dt = (d_across[0] - ds * t[0]) / s, (d_across[1] - ds * t[1]) / s, (d_across[2] - ds * t[2]) / s
-    u, du = cross3(e, t), add3(cross3(de, t), 1.0, cross3(e, dt))
+    du = add3(cross3(de, t), 1.0, cross3(e, dt))
     at_b = add3(add3(center, radius, u), -crown, n)  # C - O_b
     apart = B.r[0] - A.r[0], B.r[1] - A.r[1], B.r[2] - A.r[2]
     at_a = add3(at_b, 1.0, apart)

@@ -17,6 +17,7 @@ from .point_force import PointForce
 from .pressure import Pressure
 from .reaction import Reaction
 from .rope import Rope
+from .slipping_wheel import SlippingWheel
 from .spherical_friction import SphericalFriction
 from .spring import Spring
 from .torque import Torque
@@ -40,6 +41,7 @@ __all__ = [
     "Pressure",
     "Reaction",
     "Rope",
+    "SlippingWheel",
     "SphericalFriction",
     "Spring",
     "Torque",

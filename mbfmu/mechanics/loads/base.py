@@ -240,9 +240,9 @@ class Load(ElementType):
             Record that ``fill`` has written.
         inertia
             Inertia that the joint coordinate of the first body moves at the start, kg m^2 or kg; 0: a drive moves it.
-            Of several coordinates it is the mean.
+            Of several coordinates it is the mean. Of a load that is not ``on_joint``: mass of the first body, kg.
         size
-            Size of this coordinate, to which tolerances refer, rad or m.
+            Size of this coordinate, to which tolerances refer, rad or m. Else the length of the mechanism, m.
         """
 
     def resolved_displacement(self, record: Any) -> float:

@@ -86,6 +86,16 @@ def yielding_part(u: float) -> float:
 
 
 @kernel
+def yielding_factor(force: BristleRecord, square: float, along: float, length: float) -> float:
+    """Factor of z in d z' = v - factor z, given v . v, v . z and z . z."""
+    factor = 0.0 * square
+    if along.real > 0.0:
+        g = stribeck_ratio(force, square)
+        factor = yielding_part(np.sqrt(length) / g) * np.sqrt(square) / g
+    return factor
+
+
+@kernel
 def bristle_factors(force: BristleRecord, normal: float, square: float) -> tuple[float, float]:
     """Factors of z and z' in the force against the slip whose square is given."""
     coulomb = force.coulomb * normal

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from mbfmu.mechanics.quantity_kinds import TIME
 from solvers.compiled.kernel import jit_uncached, kernel
 
@@ -18,8 +16,7 @@ from .bristle import (
     bristle_factors,
     deflection_of,
     signal_of_normal,
-    stribeck_ratio,
-    yielding_part,
+    yielding_factor,
 )
 
 if TYPE_CHECKING:
@@ -33,11 +30,7 @@ def slip_factors(force: BristleRecord, state: State) -> tuple[float, float]:
     for k in range(3):
         v, z = state.v[force.v + k], state.v[force.state + k]
         square, along, length = square + v * v, along + v * z, length + z * z
-    factor = 0.0 * square
-    if along.real > 0.0:
-        g = stribeck_ratio(force, square)
-        factor = yielding_part(np.sqrt(length) / g) * np.sqrt(square) / g
-    return square, factor
+    return square, yielding_factor(force, square, along, length)
 
 
 @kernel
