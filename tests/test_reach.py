@@ -74,6 +74,30 @@ def test_contradicting_drives_are_found_in_large_models(solver: str, scale: floa
     assert result.failure.startswith("no position or velocity near the present one satisfies the constraints")
 
 
+def contradicted_row(scale: float, loops: int) -> mb.Mechanism:
+    """A row of parallelograms: the first and the last column are driven alike, but for a pulse of the last one."""
+    m = mb.Mechanism(gravity=(0.0, -9.81 * scale, 0.0))
+    bar, top = mb.rod(mass=1.0, length=scale), (scale, 0.0, 0.0)
+    pulse = mb.Function(lambda t: 1.2 + 1e-3 * np.exp(-(((t - 1.0) / 0.1) ** 2)), time=0.1)
+    column = m.body("column0", m.ground, mb.Revolute(drive=mb.Polynomial((1.2,))), **bar)
+    for i in range(1, loops + 1):
+        coupler = m.body(f"coupler{i}", column, mb.Revolute(at=top, start=-1.2), **bar)
+        at = (i * scale, 0.0, 0.0)
+        pin = mb.Revolute(at=at, drive=pulse) if i == loops else mb.Revolute(at=at, start=1.2)
+        column = m.body(f"column{i}", m.ground, pin, **bar)
+        m.cut(f"pin{i}", mb.RevoluteCutJoint(at_a=top, at_b=top), coupler, column)
+    return m
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("solver", ["ida", "adams"])
+def test_contradicting_drives_are_found_in_large_models_with_many_loops(solver: str, scale: float) -> None:
+    result = mb.simulate(contradicted_row(scale, 33), 2.0, interval=2.0, solver=solver)
+    assert result.failure.startswith("the drives require a position that the loops cannot reach after")
+    found = float(result.failure.partition("after t = ")[2].partition(" s")[0])
+    assert 1e-12 < 1e-3 * np.exp(-(((found - 1.0) / 0.1) ** 2)) < 1e-6
+
+
 def test_it_is_called_that_where_a_run_ends_right_there() -> None:
     found = mb.check(pushed(1.0, 0.5, 1), 2.0)
     assert "the drive of 'pusher' requires a position that the loops cannot reach after t = 2 s" in found.failure

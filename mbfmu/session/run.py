@@ -29,12 +29,18 @@ from .simulation import Array, Simulation
 __all__ = ["Result", "communication_points", "run", "simulate"]
 
 FIRST_BATCH_SIZE = 100  # outputs recorded before progress is reported first
+MIN_STOP_TIME = 1e-150  # s; solvers divide by squares of times, which must not be zero
 SHORT_BATCH_TIME = 0.05  # s; after a batch that took less the next one is twice as large
 
 
 def communication_points(stop_time: float, interval: float) -> Array:
     """Return 0, interval, 2 interval, ... and the stop time, s; UserError where there are none or too many."""
     stop_time, interval = positive("stop time", stop_time), positive("interval", interval)
+    if stop_time < MIN_STOP_TIME:
+        raise UserError(
+            f"stop time is {stop_time!r} s; allowed: at least {MIN_STOP_TIME:g} s, because squares of shorter times "
+            "are zero in floating-point numbers. Give a later stop time"
+        )
     if stop_time / interval > MAX_OUTPUTS:
         raise UserError(
             f"interval is {interval!r} s for {stop_time!r} s; allowed: at most {MAX_OUTPUTS:g} points. Use "

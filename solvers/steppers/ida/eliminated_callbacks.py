@@ -12,7 +12,7 @@ import numpy as np
 
 from solvers.compiled.kernel import inlined, kernel
 from solvers.energy_account import energy_check_scheduled, record_step, update_energy_bound
-from solvers.outcome import BRANCHES, NOT_FINITE, OK, UNDECIDABLE
+from solvers.outcome import BRANCHES, NOT_CLOSED, NOT_FINITE, OK, UNDECIDABLE
 from solvers.projection.eliminated import CLOSED_RESIDUAL, project
 from solvers.projection.eliminated_crossing import record_accepted
 from solvers.steppers.eliminated_newton import close_state, factor_tangent, is_on_branch, measure_inertia
@@ -33,7 +33,7 @@ def evaluate_residual(t: float, y: Reals, slopes: Reals, out: Reals, problem: In
     code = close_state(t, y, False, problem)
     if code != OK:
         counts[NONFINITE_RESIDUALS] += 1.0 if code == NOT_FINITE else 0.0
-        if code in (BRANCHES, UNDECIDABLE):
+        if code in (BRANCHES, UNDECIDABLE, NOT_CLOSED):
             work.refusal[0] = code
         for i in range(out.shape[0]):
             out[i] = np.nan
