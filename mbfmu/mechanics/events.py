@@ -158,6 +158,9 @@ class Event:
         Given time, s.
     within
         Longest time between two evaluations of the sensor, s; None: as the solver's steps need.
+    lasts
+        Time for which the quantity must remain beyond the value, s, before the event occurs; 0: it occurs at the
+        crossing.
     """
 
     name: str
@@ -167,6 +170,7 @@ class Event:
     direction: int = 0
     time: float = 0.0
     within: float | None = None
+    lasts: float = 0.0
 
     @property
     def restarts(self) -> bool:

@@ -258,6 +258,13 @@ def refuse_unsupported(compiled: CompiledMechanism, jumps: bool, locks: bool, si
         reasons[Restart] = "models with friction of sheets that sticks"
     allowed = ", ".join(kind.__name__ for kind in ACTION_KINDS if kind not in reasons)
     for event in compiled.mechanism.events:
+        if event.lasts:
+            raise UserError(
+                f"native FMUs do not support event {event.name!r}, whose quantity must remain beyond its value for "
+                f"{event.lasts:g} s; allowed: events at crossings and at given times. Remove `lasts`, or export the "
+                "model with --python",
+                "not-native",
+            )
         for action in event.actions:
             if type(action) in reasons:
                 raise UserError(

@@ -17,6 +17,7 @@ from solvers.outcome import OK
 from solvers.resolution import spacing
 from solvers.system import Array
 
+from .event_durations import Durations
 from .event_search import CrossingSearch
 from .impulses import Impacts, UndeterminedJumpError, velocity_jump
 from .kernels.event_points import EventSearch
@@ -85,7 +86,8 @@ class RunEvents:
         watching = [event for event in declared if event.sensor is not None]
         self._places = {event.name: k for k, event in enumerate(watching)}
         self._stops = {event.name: k for k, event in enumerate(event for event in watching if event.bounce)}
-        self._restarting = np.array([event.restarts for event in watching], bool)
+        self._restarting = np.array([event.restarts and not event.lasts for event in watching], bool)
+        self._durations = Durations()
         memory = search_memory(compiled)
         self._search = CrossingSearch(run, memory)
         are_stops = memory.stops == 1
@@ -101,6 +103,7 @@ class RunEvents:
         self.ended = self._restarts_next = False
         self.stop: Diagnostic | None = None
         self._search.begin()
+        self._durations.update(t, self._sensor_values())
 
     def _sizes(self) -> Array:
         """Return the units of the free coordinates."""
@@ -114,6 +117,7 @@ class RunEvents:
         self._timed = sorted((e for e in declared if e.sensor is None), key=lambda event: event.time)
         memory = self._search.memory
         memory.crossed[:] = [event.value for event in self._watching]
+        self._durations.declare(self._watching)
         bounces = [event.bounce for event in self._watching]
         self._impacts.restitutions = np.array([bounce.restitution for bounce in bounces if bounce])
         memory.control["within"] = min((e.within for e in self._watching if e.within is not None), default=np.inf)
@@ -128,7 +132,7 @@ class RunEvents:
         """
         declared = mechanism.events
         before, after = (
-            [(event.name, event.time, event.direction, event.bounce is None) for event in events]
+            [(event.name, event.time, event.direction, event.bounce is None, event.lasts > 0.0) for event in events]
             for events in (self._declared, declared)
         )
         if before != after:
@@ -154,6 +158,7 @@ class RunEvents:
         jump = self._samples.jump() if self.stop is None else None
         if jump is not None:
             self._let_jump(jump)
+            self._durations.update(self._run.stepper.t, self._sensor_values())
         return jump is not None
 
     def step(self, end: float) -> None:
@@ -186,15 +191,19 @@ class RunEvents:
         """Advance to the next event or to ``end``, s; return the events there."""
         run, timed = self._run, self._timed[self._next_timed :]
         stepper, slack = run.stepper, EQUAL_TIME_SPACINGS * spacing(end)
-        first = min(timed[0].time if timed else np.inf, self._samples.next_time())
+        first = min(timed[0].time if timed else np.inf, self._samples.next_time(), self._durations.next_time())
         due = first if first < end - slack else end
-        found = [self._watching[k] for k in self._search.advance(due)]
+        crossed = self._search.advance(due)
+        found = [event for event in (self._watching[k] for k in crossed) if not event.lasts]
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
         if stepper.status.ok and timed and stepper.t >= timed[0].time - slack:
             here = [event for event in timed if event.time <= stepper.t + slack]
             self._next_timed += len(here)
             found += here
+        if stepper.status.ok and self._durations.any:
+            self._durations.update(stepper.t, self._sensor_values())
+            found += [self._watching[k] for k in self._durations.take(stepper.t + slack)]
         return sorted(found, key=lambda event: self._order[event.name])
 
     def _act(self, found: list[Event]) -> bool:
@@ -220,9 +229,11 @@ class RunEvents:
                 self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
             else:
                 k = self._places[event.name]
-                rises = event.direction > 0 if event.bounce else self._search.memory.sides[k] > 0
+                is_given = event.bounce or event.lasts
+                rises = event.direction > 0 if is_given else self._search.memory.sides[k] > 0
                 direction = "up" if rises else "down"
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
+        self._durations.update(t, after)
         self._check_rest(found)
         self._check_density(found[0])
         if any(isinstance(action, Lock) for event in found for action in event.actions):
@@ -321,6 +332,7 @@ class RunEvents:
             "timed": self._next_timed,
             "ended": self.ended,
             "restarts": self._restarts_next,
+            "since": self._durations.state(),
             "list": records,
             "locked": self.locked.state(),
             "samples": self._samples.counts.tolist(),
@@ -336,6 +348,7 @@ class RunEvents:
         self._samples.counts[:] = state["samples"]
         self._next_timed, self.ended, self.stop = state["timed"], state["ended"], None
         self._restarts_next = state["restarts"]
+        self._durations.restore(state["since"])
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
 
 
@@ -344,7 +357,7 @@ def search_memory(compiled: CompiledMechanism) -> EventSearch:
     watching = [event for event in compiled.mechanism.events if event.sensor is not None]
     has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
     places = np.where(has_rate, len(watching) + np.cumsum(has_rate) - 1, -1).astype(np.int64)
-    directions = np.array([event.direction for event in watching], np.int64)
+    directions = np.array([0 if event.lasts else event.direction for event in watching], np.int64)
     stops = np.array([event.bounce is not None for event in watching], np.int64)
     parts, system = np.append(compiled.watched, compiled.watched_rates), compiled.system
     return EventSearch.allocate(parts, places, directions, stops, system.size[: system.n_velocities].copy())

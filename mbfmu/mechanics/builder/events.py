@@ -32,6 +32,7 @@ class Events(Sampled):
         at: float | None = None,
         then: Action | Sequence[Action] = (),
         within: float | None = None,
+        lasts: float = 0.0,
     ) -> None:
         """Add an event: a run locates the time at which a quantity crosses a value, lists it, and executes actions.
 
@@ -59,6 +60,11 @@ class Events(Sampled):
             detected. By default the sensor is evaluated at four or more points of every step, between which no
             coordinate moves by more than a quarter of its unit (1 rad, or the size of the mechanism), and where the
             values or rates at the points show an extremum between them.
+        lasts
+            Time, s, for which the quantity must remain beyond the value, above it with the direction ``"up"`` and
+            below it with ``"down"``: the event occurs at the end of this time, once until the quantity returns. It
+            begins at the start of the run if the quantity is beyond the value there. 0: the event occurs at the
+            crossing.
 
         Raises
         ------
@@ -92,6 +98,8 @@ class Events(Sampled):
                 f"actions of {what} are {short(then)}; allowed: SetInput, SetParameter, Impulse, Bounce, Lock, "
                 "Release, Restart and EndRun, or a list of these"
             )
+        if not_negative(f"lasts of {what}", lasts):
+            _check_duration(what, actions, sensor, direction)
         for action in actions:
             if isinstance(action, SetInput):
                 finite(f"value of input {action.name!r} in {what}", action.value)
@@ -125,6 +133,7 @@ class Events(Sampled):
                 DIRECTIONS[direction],
                 0.0 if at is None else not_negative(f"time of {what}", at),
                 None if within is None else positive(f"within of {what}", within),
+                float(lasts),
             )
         )
 
@@ -143,6 +152,15 @@ def _check_lock(role: str, name: str, joint: Joint) -> None:
             f"{f' ({coordinates})' if coordinates else ''}; allowed: a joint with one coordinate, such as Revolute or "
             "Translational. Use several such joints in a row, with bodies without mass between them, and lock one of "
             "them"
+        )
+
+
+def _check_duration(what: str, actions: Sequence[Action], sensor: Sensor | None, direction: str) -> None:
+    """Raise UserError if the event cannot be one whose quantity must remain beyond its value."""
+    if sensor is None or direction == "both" or any(isinstance(action, Bounce) for action in actions):
+        raise UserError(
+            f"{what} is given `lasts`; allowed: with a sensor, the direction 'up' (remains above the value) or 'down' "
+            "(remains below it), and without a Bounce. Give these, or leave out `lasts`"
         )
 
 
