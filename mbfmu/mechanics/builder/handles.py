@@ -14,6 +14,7 @@ from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     CouplingEffort,
     CutForce,
+    DeclaredJointForce,
     Distance,
     DistanceRate,
     LoadEffort,
@@ -29,6 +30,7 @@ from mbfmu.mechanics.sensors import (
 from mbfmu.util.errors import UserError
 
 from .bodies import Body, effort_unit
+from .joint_handle import JointPlace
 
 BETWEEN_POINTS = (Damper, DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
 
@@ -139,6 +141,33 @@ class CutHandle:
         one_of(f"body of cut {self.name!r}", on, ("a", "b"))
         component = axis_index(axis, f"of cut {self.name!r}") + (3 if on == "a" else 0)
         return CutForce(unit="N", item=self, component=component)
+
+    def joint_moment(self, axis: str, on: str = "b") -> Sensor:
+        """Global component of the moment that the cut joint exerts on a body, N m.
+
+        The moment is about the origin of the cut frame in this body, ``at_a`` or ``at_b`` of the joint.
+
+        Parameters
+        ----------
+        axis
+            Global axis: ``"x"``, ``"y"`` or ``"z"``.
+        on
+            Body on which the moment acts, ``"a"`` or ``"b"``.
+        """
+        one_of(f"body of cut {self.name!r}", on, ("a", "b"))
+        component = 3 + axis_index(axis, f"of cut {self.name!r}")
+        return DeclaredJointForce(unit="N.m", item=self, component=component, on=on)
+
+    def place(self, on: str) -> JointPlace:
+        """Return where the force and the moment that the cut joint exerts on a body are found.
+
+        Parameters
+        ----------
+        on
+            The body, ``"a"`` or ``"b"``.
+        """
+        body, point = (self.a, self.cut.at_a) if on == "a" else (self.b, self.cut.at_b)
+        return JointPlace(0, self.index, -1 if on == "a" else 1, body.index, point)
 
 
 @dataclass(frozen=True, eq=False)
