@@ -11,7 +11,7 @@ REVOLUTE, PRISMATIC, UNIVERSAL, SPHERICAL = KINDS = ("revolute", "prismatic", "u
 FREEDOM = {REVOLUTE: 1, PRISMATIC: 1, UNIVERSAL: 2, SPHERICAL: 3}
 G = 9.81
 GROUND = -1
-BRISTLES, STIFF_BRISTLES = (-3.3, -2.3), (-5.5, -4.5)  # powers of ten of the deflection, in rad or lengths
+BRISTLES, STIFF_BRISTLES = (-3.3, -2.3), (-6.5, -5.5)  # powers of ten of the deflection, in rad or lengths
 
 
 @dataclass

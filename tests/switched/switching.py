@@ -19,7 +19,7 @@ from .tree import arrays, measured, outputs, row_modes, row_of, start_state, wit
 PARTS, LONGEST_PART = 4, 0.01  # of a step, at whose ends guards are evaluated; in time units
 # A body comes to rest if its last impacts at a stop are at shorter and shorter intervals, up to this many time units
 REST_IMPACTS, REST_INTERVAL = 4, 3e-3
-MAX_EVENTS = 300
+MAX_EVENTS, MAX_STEPS = 300, 100_000
 STILL = 1e-9  # rate, of the units: a joint does not slide
 SLACK = 1e-8  # of the breakaway force
 HALVINGS = 30  # of an interval, until a point is found before a crossing
@@ -63,7 +63,7 @@ class Run:
         self.grips = np.array([f.normal.mean for f in d.frictions for _ in range(3 if self._is_ball(f) else 1)])
         self.signs = np.zeros(len(tree.rubbed))
         self.first = np.cumsum([0, *(3 if self._is_ball(f) else 1 for f in d.frictions)])
-        self.t = 0.0
+        self.t, self.steps = 0.0, 0
         L, T = d.length, d.time
         units = [d.unit(k) for k, p in enumerate(d.parts) for _ in range(len(p.rate))]
         self.scale = np.concatenate(
@@ -119,11 +119,14 @@ class Run:
 
     # ---- jumps -------------------------------------------------------------------------------------------------------
 
-    def jump(self, row: Any, change: float | None = None, impulse: float = 0.0) -> None:
-        """Apply an impulse along a row, or the one that changes its rate by an amount; held joints remain held."""
+    def jump(self, row: Any, change: float | None = None, impulse: float = 0.0, sticks: bool = False) -> None:
+        """Apply an impulse along a row, or the one that changes its rate by an amount.
+
+        Locked joints remain locked, and those that stick break away unless ``sticks``.
+        """
         _, G, _, _, inverse = absolute.kinematics(self.y, self.tree)
         stuck = {int(r) for i, r in enumerate(self.tree.rubbed) if self.law == SET_VALUED and not self.signs[i]}
-        held = [r for r in np.flatnonzero(self.modes) if r not in stuck or r in self.frozen]
+        held = [r for r in np.flatnonzero(self.modes) if sticks or r not in stuck or r in self.frozen]
         C = G[held]
         moved = inverse @ C.T
         admitted = inverse - moved @ np.linalg.solve(C @ moved, moved.T)
@@ -265,7 +268,7 @@ class Run:
                 i = found - len(sensed)
                 self._switched(out, i)
             if len(out.events) + len(out.switches) > MAX_EVENTS:
-                raise Unresolved("too many events")
+                raise Unresolved(f"more than {MAX_EVENTS} events")
         if self.ended:
             out.ended = self.t
         out.drift = self._drift()
@@ -289,7 +292,9 @@ class Run:
                 f = self.tree.friction[k]
                 rate = np.sqrt(8.0 * f[0] * self.normal(self.t)[k] * f[4] / f[5])
                 G = absolute.kinematics(self.y, self.tree)[1]
-                self.jump(G[self.tree.rubbed[k]], change=self.signs[k] * rate * abs(self.kick.normal()))
+                self.jump(
+                    G[self.tree.rubbed[k]], change=self.signs[k] * rate * self.kick.uniform(0.5, 1.5), sticks=True
+                )
 
     def _segment(self, until: float, sensed: list[Any], out: Motion, hit: int | None) -> int | None:
         """Integrate until a time or the first event, and return its number."""
@@ -307,8 +312,9 @@ class Run:
             return None
         while solver.status == "running":
             solver.step()
-            if solver.status == "failed":
-                raise Unresolved("the reference fails")
+            self.steps += 1
+            if solver.status == "failed" or self.steps > MAX_STEPS:
+                raise Unresolved(f"no more than {self.steps} steps until t = {solver.t:.6g} s")
             path = solver.dense_output()
             before = solver.t_old
             parts = int(np.ceil(min((solver.t - solver.t_old) / (LONGEST_PART * d.time), PARTS)))
@@ -321,7 +327,7 @@ class Run:
                 begun = fresh & (now > 0.0) & (np.arange(len(ways)) >= len(sensed))
                 if begun.any() and not crossed.any():
                     i = int(np.flatnonzero(begun)[0])
-                    self._reach(before, path, out)
+                    self._reach(self._root(i, before, t, path), path, out)
                     return i
                 if crossed.any():
                     hits = []
@@ -345,8 +351,8 @@ class Run:
             if value(first) * beyond < 0.0:
                 break
             first = low + 0.5 * ((first if first > low else high) - low)
-        else:
-            return high
+        else:  # it passes the value right at the beginning
+            return min(high, low + AHEAD * self.d.time)
         low = first
         return float(brentq(value, low, high, xtol=1e-15 * self.d.stop_time, rtol=1e-15))
 
