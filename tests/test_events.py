@@ -321,6 +321,19 @@ def test_sensors_of_forces_and_unknown_inputs_are_refused():
 
 
 @pytest.mark.parametrize("solver", SMALL)
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_an_impulse_that_turns_a_ball_back_is_one_event(size: float, solver: str) -> None:
+    """Closed form: the ball rises to its mark, where it has 3/5 of its speed, and falls from there with this speed."""
+    m, body = ball(rate=5.0 * size, start=-0.8 / G * size)
+    m.gravity[:] = (0.0, -G * size, 0.0)
+    m.event("mark", body.coordinate(), crosses=8.0 / G * size - 0.8 / G * size, then=mb.Impulse(body, -6.0 * size))
+    result = mb.simulate(m, 0.6, interval=0.3, solver=solver, tolerance=1e-8)
+    assert times(result, "mark") == pytest.approx([2.0 / G], abs=1e-6)
+    t = 0.6 - 2.0 / G
+    assert result["height"][-1] == pytest.approx((7.2 / G - 3.0 * t - 0.5 * G * t * t) * size, abs=1e-6 * size)
+
+
+@pytest.mark.parametrize("solver", SMALL)
 def test_an_impulse_on_a_double_pendulum(solver: str):
     """Closed form: two rods of 1 kg and 1 m in one line, without gravity; the impulse acts at the second joint.
 

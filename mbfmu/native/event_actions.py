@@ -17,6 +17,7 @@ from .event_memory import (
     BEYOND,
     BOUNCE,
     END_RUN,
+    IMPULSE,
     LOCK,
     NO_FAILURE,
     NO_ROW,
@@ -223,13 +224,13 @@ def is_restart_found(events: EventMemory, search: EventSearch) -> bool:
 
 @kernel
 def release_sides(events: EventMemory, search: EventSearch, rtol: float) -> None:
-    """Let the sensors of events that lock a joint leave their values without a crossing, as at a start: a quantity that
-    rests at its value has rounding errors of any sign.
+    """Let the sensors of events that lock a joint or apply an impulse leave their values without a crossing, as at a
+    start: a quantity that rests or turns back at its value has rounding errors of any sign.
     """
     is_any = False
     for row in range(events.actions.shape[0]):
         action = events.actions[row]
-        is_any = is_any or (action.kind == LOCK and events.due[action.event] == 1)
+        is_any = is_any or (action.kind in (LOCK, IMPULSE) and events.due[action.event] == 1)
     for k in range(events.sensed.shape[0] if is_any else 0):
         if events.due[events.sensed[k]] == 1 and search.stops[k] == 0:
             search.found[k], search.sides[k], search.bands[k] = 0, 0, rtol * events.nominals[k]

@@ -224,7 +224,8 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
             row["place"] = locked.index(action.joint.index) if action.joint.index in locked else NEVER_LOCKED
     own_events = event_numbers(compiled.mechanism), sensed, timed, len(events)
     units = [event.sensor.unit for event in events if event.sensor is not None]
-    nominals = np.array([compiled.nominal(unit) for unit in units] if len(locks) else np.zeros(len(units)))
+    turns = any(isinstance(action, Lock | Impulse) for event in events for action in event.actions)
+    nominals = np.array([compiled.nominal(unit) for unit in units] if turns else np.zeros(len(units)))
     return EventMemory.allocate(actions, locks, *own_events, nominals, len(tuned), (system.nq, system.n))
 
 

@@ -93,7 +93,8 @@ class RunEvents:
         are_stops = memory.stops == 1
         rates = memory.parts[memory.rate_places[are_stops]]
         self._impacts = Impacts(compiled, rates, memory.directions[are_stops].astype(float))
-        units = [event.sensor.unit for event in watching if event.sensor and compiled.locks.can_lock]
+        turns = any(isinstance(action, Lock | Impulse) for event in declared for action in event.actions)
+        units = [event.sensor.unit for event in watching if event.sensor and turns]
         self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
         self._samples = SampledBlocks(compiled, run)
         self._declare(declared)
@@ -236,7 +237,7 @@ class RunEvents:
         self._durations.update(t, after)
         self._check_rest(found)
         self._check_density(found[0])
-        if any(isinstance(action, Lock) for event in found for action in event.actions):
+        if any(isinstance(action, Lock | Impulse) for event in found for action in event.actions):
             self._search.leave([self._places[event.name] for event in found if event.sensor], self._bands)
         return changed
 

@@ -17,7 +17,7 @@ from .switching import BRISTLE, SET_VALUED
 from .tree import finish
 
 RTOL = 1e-8  # of the reference
-SEEDS = (3, 5, 17, 25, 28, 29, 92, 128)
+SEEDS = (3, 5, 17, 25, 28, 29, 128)
 
 
 @cache
