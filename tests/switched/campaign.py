@@ -95,7 +95,7 @@ def allowance(d: Drawn, law: int, tolerance: float, runs: int = NUDGES, rtol: fl
 
     A bristle stores an energy that changes the rate after each change of the direction of friction by up to
     sqrt(8 F d / m), and yields before a joint breaks away, with an effect of the same size. Joints stop several
-    deflections from the place. Where this is exceeded, :func:`judge` examines whether the error vanishes with the
+    deflections from the place. Where this is exceeded, :func:`judge` examines whether the error decreases with the
     deflection. With runs = 0 the errors do not grow with time.
     """
     rng = np.random.default_rng(d.seed)
