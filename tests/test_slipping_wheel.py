@@ -213,3 +213,13 @@ def test_refusals(wrong: dict[str, Any], text: str) -> None:
     body = m.body("b", m.ground, mb.Floating(), mass=1.0, inertia=(1.0, 1.0, 1.0))
     with pytest.raises(UserError, match=text):
         m.force("w", mb.SlippingWheel(**{"radius": 1.0, "stiffness": 1.0, "friction": 0.5} | wrong), body)
+
+
+def test_a_start_with_the_center_below_the_plane_is_refused() -> None:
+    """As if the wheel and the plane are interchanged."""
+    m = mb.Mechanism(gravity=(0.0, 0.0, -9.81))
+    joint = mb.Floating(start=(0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0))
+    ball = m.body("ball", m.ground, joint, mass=1.0, inertia=(0.004, 0.004, 0.004))
+    m.force("tire", mb.SlippingWheel(radius=0.1, crown_radius=0.1, stiffness=1e6, friction=0.3), m.ground, ball)
+    with pytest.raises(UserError, match="is misplaced at the start"):
+        mb.simulate(m, 0.1, solver="radau")

@@ -50,7 +50,7 @@ def use_difference_quotients(compiled: CompiledMechanism, name: str) -> None:
             raise EquilibriumError(
                 f"block {block.name!r} of model {name!r} rounds its outputs to multiples of {block.quantum:g}: the "
                 "search for a steady state needs continuous equations; allowed: sampled blocks without a quantum. Set "
-                "quantum to 0, or run the model until it stands"
+                "quantum to 0, or run the model until it is at rest"
             )
     linear = [acting for acting in compiled.mechanism.loads() if type(acting.load) is LinearBlock]
     records = next((table for table in compiled.tables if table.dtype == LinearBlock.record.dtype), ())
@@ -141,8 +141,8 @@ def describe_samples(compiled: CompiledMechanism) -> tuple[Diagnostic, ...]:
     if not blocks:
         return ()
     text = (
-        f"sampled blocks, such as {blocks[0].name!r}, hold what their next samples give again; stability is that of "
-        "the motion with samples"
+        f"sampled blocks, such as {blocks[0].name!r}, have outputs that the next samples do not change; the stability "
+        "is that of the motion with samples"
     )
     if sample_times(np.array([block.period for block in blocks])) is None:
         text += ", which is not determined: their periods have no common multiple that is short enough"

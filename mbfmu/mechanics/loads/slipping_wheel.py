@@ -111,13 +111,20 @@ def power(force: SlippingWheelRecord, t: float, arrays: Arrays, state: State) ->
     return (N - force.stiffness * x) * rate - f1 * dot3(V, first) - f2 * dot3(V, second)
 
 
+@kernel
+def misplacement(force: SlippingWheelRecord, arrays: Arrays, state: State) -> float:
+    """Penetration over the outer radius: the center of a wheel is above its plane."""
+    _, Phi, _, _, _, _, _ = touch(force, state)
+    return max(0.0, -Phi.real) / (force.radius + force.crown)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SlippingWheel(Force):
     """Wheel of body a on a plane of body b, elastic and with dry friction: it may lift, stick, roll and slip.
 
-    The friction acts against the vector of the slip, with at most ``friction`` times the normal force in all
-    directions. It needs no slip: a wheel rolls, and stands on a slope, without creep as long as the force is below 0.9
-    times the largest one. The axle must not become normal to the plane.
+    The friction is opposite to the slip, with at most ``friction`` times the normal force in all directions. It acts
+    without slip, too: a wheel rolls, and stands on a slope, without creep while the friction is below 0.9 times the
+    largest one. The axle must not become normal to the plane.
 
     Parameters
     ----------
@@ -146,6 +153,7 @@ class SlippingWheel(Force):
     apply = apply
     power = power
     potential = potential
+    misplacement = misplacement
     symmetric = False
     stick_reason = "the bristles of wheels with friction are stiff"
 
@@ -161,7 +169,7 @@ class SlippingWheel(Force):
     at_b: Any = (0.0, 0.0, 0.0)
 
     def check(self, what: str) -> None:
-        """Refuse what is no wheel, no direction and no friction."""
+        """Raise UserError if a parameter is invalid."""
         radius = positive(f"radius of {what}", self.radius)
         if not MIN_LENGTH <= radius <= MAX_LENGTH:
             raise UserError(f"radius of {what} is {radius!r} m; allowed: {MIN_LENGTH:g} to {MAX_LENGTH:g}")
