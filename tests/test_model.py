@@ -15,7 +15,7 @@ from fmpy import read_model_description
 
 from fmus.fourbar import FourBar
 from mbfmu.fmi import export
-from mbfmu.modeling.registry import find, models
+from mbfmu.modeling.registry import find, models, reference_of
 from mbfmu.modeling.scene import load_scene
 from mbfmu.session.run import communication_points, run, simulate
 from mbfmu.session.simulation import Settings, Simulation
@@ -264,3 +264,17 @@ def test_a_model_that_is_no_dataclass_is_refused(tmp_path: Path) -> None:
 def test_no_file_has_so_long_a_name() -> None:
     with pytest.raises(UserError, match="does not exist"):
         load_scene("x" * 300 + ".py")
+
+
+def test_a_model_of_a_relative_path_is_found_from_every_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another process finds it too, which compiles its kernels in another folder."""
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "swing.py").write_text(
+        "from dataclasses import dataclass\nimport mbfmu as mb\n\n\n@dataclass(frozen=True, kw_only=True)\n"
+        "class Swing(mb.Model):\n    def build(self):\n        return mb.Mechanism()\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    found = find("models/swing.py:Swing")
+    monkeypatch.chdir(folder)
+    assert find(reference_of(found)) is found

@@ -37,7 +37,7 @@ NUMBER_TYPES: dict[str, type] = {
 def files_of(path: Path) -> Files:
     """Return a loaded user's file with those that it imported from its folder; not the script that is run."""
     folder, known = path.resolve().parent, [m for name, m in list(sys.modules.items()) if name != "__main__"]
-    own = next((m for m in known if getattr(m, "__mbfmu_file__", "") == str(path)), None)
+    own = next((m for m in known if getattr(m, "__mbfmu_file__", "") == str(path.resolve())), None)
     loaded = {Path(file).resolve() for m in known if (file := getattr(m, "__file__", None))}
     beside = {folder / f"{name}.py" for name in getattr(own, "__mbfmu_beside__", ())}
     more = {file for file in loaded if file.parent == folder and file.suffix == ".py"} | beside

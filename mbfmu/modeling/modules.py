@@ -25,7 +25,7 @@ def load_module(path: Path) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    module.__dict__["__mbfmu_file__"] = str(path)
+    module.__dict__["__mbfmu_file__"] = str(path.resolve())  # for other processes and folders
     sys.modules[name] = module
     try:
         with _folder_on_path(path.resolve().parent) as taken:

@@ -55,7 +55,7 @@ def user_library(scene: Scene, target: str, family: str) -> bytes:
     if not reference:
         raise UserError(
             f"model {scene.model.name!r} has user-defined kernels, which a separate process compiles for a native FMU; "
-            "put its class at the top level of a file, or export it with --python",
+            "put its class at the top level of a file that is imported and not run, or export it with --python",
             "not-native",
         )
     with tempfile.TemporaryDirectory(prefix="mbfmu_") as work:

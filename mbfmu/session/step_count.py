@@ -67,8 +67,11 @@ class StepCountCheck:
         self.end: float | None = None
 
     def attach(self, stepper: Stepper) -> None:
-        """Let ``stepper`` call the check if it is ``ida`` on a large tree."""
-        if isinstance(stepper, TreeIDAStepper):
+        """Let ``stepper`` call the check if it is ``ida`` on a large tree, without friction that sticks.
+
+        Where joints stick after the start, the steps at the start say nothing about those of the run.
+        """
+        if isinstance(stepper, TreeIDAStepper) and not stepper.system.stick_reason:
             self._last = LastCheck(stepper.t, 0, 0)
             stepper.check_steps(FIRST_CHECK_STEPS, lambda: self._check(stepper))
 
