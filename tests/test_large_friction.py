@@ -71,6 +71,31 @@ def reference() -> tuple[Any, Any]:
     return x, z
 
 
+@pytest.mark.parametrize("solver", ["ida", "adams", "auto"])
+def test_drives_leave_the_bristles_alone(solver: str) -> None:
+    """No degree of freedom but that of the states: joints that turn at a constant speed slide."""
+    m, body = mb.Mechanism(), None
+    for k in range(BLOCKS):
+        joint = mb.Revolute(at=(0.1, 0.0, 0.0), drive=mb.Polynomial((0.0, 1.0)))
+        body = m.body(f"link{k}", body or m.ground, joint, mass=1.0, inertia=(0.1, 0.1, 0.1))
+        friction = m.force(f"friction{k}", mb.JointFriction(coulomb=COULOMB, deflection=0.01), body)
+        m.output(f"torque{k}", friction.effort())
+    result = mb.simulate(m, 0.2, interval=0.1, solver=solver)
+    for k in range(BLOCKS):
+        assert result[f"torque{k}"][-1] == pytest.approx(-COULOMB, rel=1e-5)
+
+
+def test_locks_leave_the_bristles_alone() -> None:
+    """All joints are locked, and released: then the springs move the blocks again."""
+    m = stack(1.0)
+    for body in m.bodies[1:]:
+        m.event(f"lock {body.name}", at=0.05, then=mb.Lock(body))
+        m.event(f"release {body.name}", at=0.1, then=mb.Release(body))
+    result = mb.simulate(m, 0.2, interval=0.05, solver="ida", tolerance=1e-6)
+    assert result["top"][2] == result["top"][1]
+    assert abs(result["top"][-1] - result["top"][2]) > 1e-3
+
+
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("solver", ["ida", "adams"])
 def test_blocks_that_slide_on_each_other(solver: str, size: float) -> None:

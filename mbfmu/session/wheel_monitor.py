@@ -81,7 +81,7 @@ class WheelMonitor:
         return list(found.values())
 
     def _compare(self, t: float, forces: Array) -> Iterator[Diagnostic]:
-        """Yield what is unusual about forces (m,) along the constraint equations."""
+        """Yield warnings of wheels that would lift or slip by the forces (m,) along the constraint equations."""
         error = self._tolerance * float(np.abs(forces[[wheel.normal for wheel in self.wheels]]).max())
         for wheel in self.wheels:
             name, normal, record = wheel.name, float(forces[wheel.normal]), self._records[wheel.number]

@@ -87,7 +87,7 @@ def sample_times(periods: Array) -> tuple[Array, NDArray[np.bool_]] | None:
 
 
 def multipliers(blocks: list[SampledBlock], F: Array, states: list[str]) -> tuple[Array, Array] | None:
-    """Return the eigenvalues of the map over a common period, and what rounding leaves open of them; None: there is no
+    """Return the eigenvalues of the map over a common period, and bounds of their rounding errors; None: there is no
     common period.
 
     Parameters
@@ -124,7 +124,7 @@ def multipliers(blocks: list[SampledBlock], F: Array, states: list[str]) -> tupl
 
 
 def stability_of(values: Array, doubts: Array) -> Stability:
-    """Return the stability of a map by its eigenvalues (k,) and what rounding leaves open of them (k,)."""
+    """Return the stability of a map by its eigenvalues (k,) and bounds of their rounding errors (k,)."""
     beyond = np.abs(values) - 1.0
     on_circle = np.abs(beyond) <= doubts
     if np.any(beyond[~on_circle] > 0.0):

@@ -77,7 +77,7 @@ class Systems:
         self._nonholonomic = np.array([own for c in mechanism.constraints for own in c.nonholonomic], bool)
         # flexible bodies, and steady states of models with first-order states, require matrices
         self._needs_matrices = bool(mechanism.flexible_bodies or numbering.states)
-        self._has_tangent = not mechanism.flexible_bodies and has_local_states(mechanism.loads())
+        self._condenses_states = not mechanism.flexible_bodies and has_local_states(mechanism.loads())
         self._large = not self._needs_matrices and numbering.nv > limit
         if self._nonholonomic.any() and numbering.nv > MAX_DENSE_TREE_COORDINATES:
             wheel = next(handle.name for handle in mechanism.cuts if handle.cut.nonholonomic)
@@ -148,6 +148,11 @@ class Systems:
             recursions=self._recursions if self._has_recursions(constraint_names) else None,
             has_tangent=self._has_tangent,
         )
+
+    @property
+    def _has_tangent(self) -> bool:
+        """Whether there is a structured tangent: drives and locked joints may leave first-order states alone."""
+        return self._condenses_states and self._numbering.nv > len(self._numbering.states)
 
     def _has_recursions(self, constraint_names: list[str]) -> bool:
         """Whether a mechanism that is solved by matrices can be solved by recursions, too."""
