@@ -107,6 +107,33 @@ def test_block_on_an_incline_slides_if_the_slope_exceeds_the_angle_of_friction()
     assert acceleration(block(angle), 1.0) == pytest.approx([0.0], abs=1e-14 * G)
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize(
+    ("joint", "radii", "normal"),
+    [
+        ("Spherical", {"radius": 0.05}, 2.0 * G + 1.0),
+        ("Universal", {"radius": 0.01, "thrust_radius": 0.05}, 2.0 * G + 0.2),
+    ],
+)
+def test_top_that_hangs_from_a_joint_is_braked_by_its_weight(
+    joint: str, radii: Any, normal: float, size: float
+) -> None:
+    """I w' = -mu r N about the vertical, by the force on a ball or by the thrust on the pin of a cross."""
+    m = mb.Mechanism(gravity=(0.0, 0.0, -G * size))
+    given = {"rate": (0.0, 0.0, 2.0)} if joint == "Spherical" else {"axis": "z", "second": "x", "rate": (2.0, 0.0)}
+    shape: Any = {"mass": 2.0, "com": (0.0, 0.0, -0.3 * size), "inertia": (0.2 * size**2, 0.2 * size**2, 0.1 * size**2)}
+    top = m.body("top", m.ground, getattr(mb, joint)(**given), **shape)
+    bearings = mb.Reaction(preload=size, **{name: size * value for name, value in radii.items()})
+    law = mb.SphericalFriction if joint == "Spherical" else mb.JointFriction
+    m.force("friction", law(coulomb=0.2, normal_force=bearings), top)
+    m.output("rate", top.angular_velocity("z"))
+    braked = run(m, 0.5)
+    deceleration = 0.2 * 0.05 * normal / 0.1
+    assert braked.outputs()[0] == pytest.approx(2.0 - 0.5 * deceleration, abs=2.0 * 1e-5 / 2.0 * deceleration)
+    assert run(m, 3.0).outputs()[0] == pytest.approx(0.0, abs=1e-9)
+    assert not braked.inaccurate
+
+
 @pytest.mark.parametrize("up", [True, False])
 def test_wedge_lifts_and_releases_a_block_at_the_forces_of_statics(up: bool) -> None:
     """The wedge transmits its force at the angle of friction to the normal of its face, and rubs on the floor."""
@@ -302,7 +329,9 @@ def test_refusals() -> None:
         m.force("f", friction(length=-1.0), slider)
     with pytest.raises(UserError, match="on of the Reaction of force 'f' is 'c'; allowed: 'a', 'b'"):
         m.force("f", friction(on="c"), slider)
-    with pytest.raises(UserError, match="needs a translational, revolute, cylindrical or screw joint"):
+    with pytest.raises(UserError, match="needs a translational, revolute, cylindrical, screw or universal joint"):
         m.force("f", friction(), free)
-    with pytest.raises(UserError, match="is a Reaction; allowed: in a JointFriction without `uses`"):
+    with pytest.raises(UserError, match="radius of the Reaction of force 'f' is not given"):
         m.force("f", mb.SphericalFriction(coulomb=MU, normal_force=mb.Reaction()), ball)
+    with pytest.raises(UserError, match="is a Reaction and `uses` is given; allowed: a Reaction without `uses`"):
+        m.force("f", mb.JointFriction(coulomb=MU, normal_force=mb.Reaction(), uses={"n": 1.0}), slider)

@@ -72,7 +72,12 @@ def find_jam(compiled: CompiledMechanism, status: Status) -> Diagnostic | None:
     bearings = compiled.data.state.bearings
     if not len(bearings) or status.code not in (Code.NOT_FINITE, Code.COLLAPSED):
         return None
-    names = [acting.what for acting in compiled.mechanism.loads() if getattr(acting.load, "follows_reaction", False)]
+    names = [
+        acting.what
+        for acting in compiled.mechanism.loads()
+        if getattr(acting.load, "follows_reaction", False)
+        for _ in acting.load.coordinates
+    ]
     late = [k for k in range(len(bearings)) if bearings["jam_time"][k] >= status.t]
     if late:
         what = names[max(late, key=lambda k: float(bearings["jam_time"][k]))]

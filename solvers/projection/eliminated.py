@@ -136,7 +136,7 @@ def may_hide_redundancy(longest: float, work: EliminationScratch) -> bool:
 
     Off the constraints a redundant equation has a length too: the residual times a factor that grows with the extent of
     the loops. Solved for, its rounding errors, divided by this length, would move the mechanism along its free
-    directions. It is redundant if the equations that are longer have the rank of the motion.
+    directions. An equation is redundant if the equations that are longer have the rank of the motion.
     """
     report = work.report
     limit = min(HIDDEN_LENGTH_PER_RESIDUAL * report[RESIDUAL], longest)

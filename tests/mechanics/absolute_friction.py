@@ -20,10 +20,10 @@ DAMPING_RATIO, BETA = 0.7, 0.9  # of the bristle, Dupont et al. 2002
 
 @dataclass
 class Friction:
-    """Bearings and bristle of one coordinate."""
+    """Bearings and bristle of one coordinate, or of the three components of a ball joint."""
 
     mu: float
-    z: float
+    z: Array  # (1,) or (3,)
     deflection: float
     inertia: float
     radius: float = 0.0
@@ -33,23 +33,25 @@ class Friction:
     preload: float = 0.0
     on: str = "b"
 
-    def force(self, normal: float, v: float) -> float:
-        """Friction against the velocity v under a normal force, N or N m."""
-        coulomb = self.mu * normal
+    def force(self, normal: float, v: Array) -> Array:
+        """Friction against the velocity v (1,) or (3,) under a normal force, N or N m."""
+        coulomb, speed = self.mu * normal, np.linalg.norm(v)
         if coulomb <= 0.0:
-            return 0.0
+            return 0.0 * v
         yielding = 0.0
-        if v * self.z > 0.0:
-            s = np.clip((abs(self.z) - BETA) / (1.0 - BETA), 0.0, 1.0)
+        if v @ self.z > 0.0:
+            s = np.clip((np.linalg.norm(self.z) - BETA) / (1.0 - BETA), 0.0, 1.0)
             yielding = s * s * (3.0 - 2.0 * s)
-        rate = (v - yielding * abs(v) * self.z) / self.deflection
+        rate = (v - yielding * speed * self.z) / self.deflection
         tau = 2.0 * DAMPING_RATIO * np.sqrt(self.inertia * self.deflection / coulomb)
-        return float(coulomb * (self.z + tau * rate / (1.0 + (tau * v / self.deflection) ** 2)))
+        return coulomb * (self.z + tau * rate / (1.0 + (tau * speed / self.deflection) ** 2))
 
 
 @dataclass
 class Link:
-    """A body and the joint that carries it: "R", "P", "C" (angle, displacement) or "H" (screw)."""
+    """A body and the joint that carries it: "R", "P", "C" (angle, displacement), "H" (screw), "U" (two angles) or "S"
+    (unit quaternion, scalar first, and the angular velocity in the axes of the body).
+    """
 
     parent: int  # 0: the ground
     kind: str
@@ -62,7 +64,8 @@ class Link:
     q: Array
     v: Array
     rise: float = 0.0
-    friction: dict[int, Friction] = field(default_factory=dict)  # by coordinate
+    friction: dict[int, Friction] = field(default_factory=dict)  # by coordinate; of a ball joint three times the same
+    second: Array = None  # axis, of "U"
 
 
 @dataclass
@@ -75,6 +78,14 @@ class Ball:
     at_b: Array
 
 
+N_ROWS = {"R": 5, "P": 5, "C": 4, "H": 5, "U": 4, "S": 3}  # constraints of a joint
+
+
+def turned(q: Array, v: Array) -> Array:
+    """Matrix of a unit quaternion, scalar first, after a rotation v about axes of the body."""
+    return Rotation.from_quat(np.roll(q, -1)).as_matrix() @ Rotation.from_rotvec(v).as_matrix()
+
+
 class Absolute:
     """The equations of motion of links, the first of which is body 1."""
 
@@ -85,11 +96,28 @@ class Absolute:
         self.assemble()
 
     def place(self, dt: float) -> Any:
-        """Positions, axes, velocities of all bodies, ground first, and joint axes, after dt at constant joint rates."""
+        """Positions, axes, velocities of all bodies, ground first, and the axes of all coordinates (columns), after dt
+        at constant joint rates.
+        """
         r, A, Y, axes = [np.zeros(3)], [np.eye(3)], [np.zeros(6)], [np.zeros(3)]
         for link in self.links:
-            p = link.parent
-            q, v = link.q + dt * link.v, link.v
+            p, v = link.parent, link.v
+            if link.kind in "US":
+                R = A[p] @ link.R
+                if link.kind == "S":
+                    B = S = R @ turned(link.q, dt * v)
+                else:
+                    first, second = (
+                        Rotation.from_rotvec((q + dt * rate) * axis).as_matrix()
+                        for q, rate, axis in zip(link.q, v, (link.axis, link.second), strict=True)
+                    )
+                    B, S = R @ first @ second, R @ np.array([link.axis, first @ link.second]).T
+                r.append(r[p] + A[p] @ link.s)
+                A.append(B)
+                Y.append(np.concatenate((Y[p][:3] + np.cross(Y[p][3:], r[-1] - r[p]), Y[p][3:] + S @ v)))
+                axes.append(S)
+                continue
+            q = link.q + dt * link.v
             turn = {"R": q[0], "P": 0.0, "C": q[0], "H": q[0]}[link.kind]
             spin = {"R": v[0], "P": 0.0, "C": v[0], "H": v[0]}[link.kind]
             way = {"R": 0.0, "P": q[0], "C": q[-1], "H": link.rise * q[0]}[link.kind]
@@ -117,6 +145,12 @@ class Absolute:
         zero = np.zeros(3)
         for i, link in enumerate(self.links, 1):
             p, a = link.parent, axes[i]
+            if link.kind in "US":
+                for e in np.eye(3):
+                    row(i, p, e, zero)
+                if link.kind == "U":
+                    row(i, p, zero, np.cross(a[:, 0], a[:, 1]))
+                continue
             across = (A[p] @ link.R @ np.linalg.svd(link.axis[None])[2][1:].T).T
             for e in across:
                 row(i, p, zero, e)
@@ -163,7 +197,7 @@ class Absolute:
         for (i, c), value in zip(self.own, x, strict=True):
             self.add_friction(i, c, value, b)
         found, n = self.inverse @ b, 6 * len(self.links)
-        self.mu = -found[n:]
+        self.mu, self.x = -found[n:], x
         return self.joint_accelerations(np.concatenate((np.zeros(6), found[:n])).reshape(-1, 6))
 
     def gap(self, x: Array, part: float = 1.0) -> Array:
@@ -189,6 +223,8 @@ class Absolute:
             lead = np.arctan2(link.rise, r)
             along = value * np.cos(lead) / r
             force, moment = -along * np.sin(lead) * a, -along * np.cos(lead) * r * a
+        elif link.kind in "US":
+            moment = -value * a[:, coordinate]
         elif link.kind == "P" or coordinate == 1:
             force = -value * a
         else:
@@ -203,15 +239,20 @@ class Absolute:
     def friction_of(self, i: int, coordinate: int) -> float:
         """Friction force by the multipliers of joint i."""
         link, a, f = self.links[i - 1], self.axes[i], self.links[i - 1].friction[coordinate]
-        first = sum({"R": 5, "P": 5, "C": 4, "H": 5}[one.kind] for one in self.links[: i - 1])
-        rows = slice(first, first + {"R": 5, "P": 5, "C": 4, "H": 5}[link.kind])
+        first = sum(N_ROWS[one.kind] for one in self.links[: i - 1])
+        rows = slice(first, first + N_ROWS[link.kind])
         wrench = self.mu[rows] @ self.G[rows, 6 * (i - 1) : 6 * i]
         F, M = wrench[:3], wrench[3:]
+        if link.kind == "S":
+            return float(f.force(f.radius * (np.linalg.norm(F) + f.preload), link.v)[coordinate])
+        if link.kind == "U":  # the massless cross transmits the other friction, too
+            a = self.axes[i][:, coordinate]
+            M = M - self.x[self.own.index((i, 1 - coordinate))] * self.axes[i][:, 1 - coordinate]
         if link.kind == "H":
             lead = np.arctan2(link.rise, f.radius)
             flank = (F @ a) / np.cos(lead)  # the multiplier's axial force
             normal = abs(flank) * f.radius / np.cos(lead) + f.radius * f.preload
-            return f.force(normal, link.v[0])
+            return float(f.force(normal, link.v)[0])
         center = self.r[i] if f.on == "b" else self.r[link.parent] + self.A[link.parent] @ link.s
         M = M - np.cross(center - self.r[i], F)
         radial, couple = F - (F @ a) * a, np.cross(M, a) / f.length
@@ -219,8 +260,10 @@ class Absolute:
         if link.kind == "P":
             sides += 2.0 * abs(M @ a) / f.width
         elif coordinate == 0:
-            sides = f.radius * sides + f.thrust_radius * abs(F @ a) * (link.kind == "R")
-        return f.force(sides, link.v[coordinate])
+            sides = f.radius * sides + f.thrust_radius * abs(F @ a)
+        elif link.kind == "U":
+            sides = f.radius * sides + f.thrust_radius * abs(F @ a)
+        return float(f.force(sides, link.v[coordinate : coordinate + 1])[0])
 
     def joint_accelerations(self, a: Array) -> Array:
         """Joint accelerations by those of the bodies (bodies + 1, 6)."""
@@ -228,6 +271,15 @@ class Absolute:
         for i, link in enumerate(self.links, 1):
             p, axis = link.parent, self.axes[i]
             d, w = self.r[i] - self.r[p], self.Y[p][3:]
+            if link.kind in "US":
+                slip, relative = self.Y[i][3:] - w, a[i][3:] - a[p][3:]
+                if link.kind == "S":
+                    found += [*(axis.T @ (relative - np.cross(self.Y[i][3:], slip)))]
+                else:
+                    turn = link.v[0] * axis[:, 0]
+                    bias = np.cross(w, turn) + np.cross(w + turn, link.v[1] * axis[:, 1])
+                    found += [*(axis.T @ (relative - bias))]
+                continue
             turn = axis @ (a[i][3:] - a[p][3:])
             way = axis @ (a[i][:3] - a[p][:3] - np.cross(a[p][3:], d) - np.cross(w, np.cross(w, d)))
             found += {"R": [turn], "P": [way], "C": [turn, way], "H": [turn]}[link.kind]

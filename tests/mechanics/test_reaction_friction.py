@@ -10,23 +10,27 @@ from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.loads.reaction_friction import ReactionFriction, SphericalReactionFriction
 
 from .absolute_friction import Absolute, Ball, Friction, Link
 
-KINDS = ("R", "P", "C", "H")
+KINDS = ("R", "P", "C", "H", "U", "S")
 DEFLECTION = 1e-3
 
 
 def random_link(rng: Any, parent: int, size: float, kind: str) -> Link:
     """A link with a random joint frame and inertia; lengths in ``size``."""
     axes = rng.normal(size=(3, 3))
-    axis, count = rng.normal(size=3), 2 if kind == "C" else 1
-    scale = np.array([1.0 if kind != "P" else size, size])[:count]
+    axis, scale = (
+        rng.normal(size=3),
+        np.array({"P": [size], "C": [1.0, size], "U": [1.0, 1.0], "S": 3 * [1.0]}.get(kind, [1.0])),
+    )
+    q = rng.normal(size=4) if kind == "S" else scale * rng.normal(size=len(scale))
     return Link(
         parent, kind, size * rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(),
         axis / np.linalg.norm(axis), rng.uniform(0.5, 3.0), 0.4 * size * rng.normal(size=3),
-        size**2 * (0.1 * axes @ axes.T + 2.0 * np.eye(3)), scale * rng.normal(size=count),
-        scale * rng.normal(size=count),
+        size**2 * (0.1 * axes @ axes.T + 2.0 * np.eye(3)), q / np.linalg.norm(q) if kind == "S" else q,
+        scale * rng.normal(size=len(scale)), second=np.linalg.svd(axis[None])[2][1],
         rise=0.1 * size * rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 2.0) if kind == "H" else 0.0,
     )  # fmt: skip
 
@@ -34,17 +38,21 @@ def random_link(rng: Any, parent: int, size: float, kind: str) -> Link:
 def random_friction(rng: Any, link: Link, coordinate: int, size: float) -> Friction:
     """Random bearings that are weak enough for a solution."""
     own = {"on": str(rng.choice(["a", "b"])), "preload": rng.choice([0.0, 2.0])}
-    angle = link.kind != "P" and coordinate == 0
+    angle = link.kind in "US" or (link.kind != "P" and coordinate == 0)
     if angle:
         own["radius"] = 0.1 * size * rng.uniform(0.3, 1.0)
-    if link.kind == "R":
+    if link.kind in "RU":
         own["thrust_radius"] = 0.1 * size * rng.uniform(0.3, 1.0)
-    if link.kind != "H" and rng.random() < 0.7:
+    if link.kind not in "HS" and rng.random() < 0.7:
         own["length"] = size * rng.uniform(0.5, 2.0)
     if link.kind == "P" and rng.random() < 0.5:
         own["width"] = size * rng.uniform(0.5, 2.0)
     deflection = DEFLECTION if angle else DEFLECTION * size
-    return Friction(rng.uniform(0.02, 0.12), rng.choice([-0.8, -0.3, 0.0, 0.5, 0.95]), deflection, 0.0, **own)
+    z = rng.choice([-0.8, -0.3, 0.0, 0.5, 0.95]) * np.ones(1)
+    if link.kind == "S":
+        way = rng.normal(size=3)
+        z = z[0] * (-1.0 if way @ link.v < 0.0 else 1.0) * way / np.linalg.norm(way)
+    return Friction(rng.uniform(0.02, 0.12), z, deflection, 0.0, **own)
 
 
 def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[CompiledMechanism, Absolute]:
@@ -53,8 +61,9 @@ def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[Com
     parents = [k if loop else int(rng.integers(0, k + 1)) for k in range(len(kinds))]
     links = [random_link(rng, parent, size, kind) for parent, kind in zip(parents, kinds, strict=True)]
     for link in links[-3:]:
-        for c in range(len(link.q)):
-            link.friction[c] = random_friction(rng, link, c, size)
+        for c in range(len(link.v)):
+            is_ball = link.kind == "S"
+            link.friction[c] = link.friction[0] if is_ball and c else random_friction(rng, link, c, size)
     balls = []
     reference = Absolute(links, balls, gravity)
     if loop:
@@ -80,7 +89,12 @@ def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[Com
         }  # fmt: skip
         if link.kind in "RPH":
             given |= {"start": link.q[0], "rate": link.v[0]}
-        joint = {"R": mb.Revolute, "P": mb.Translational, "C": mb.Cylindrical, "H": mb.Screw}[link.kind]
+        kinds = {"R": mb.Revolute, "P": mb.Translational, "C": mb.Cylindrical, "H": mb.Screw}
+        joint: Any = {**kinds, "U": mb.Universal, "S": mb.Spherical}[link.kind]
+        if link.kind == "U":
+            given["second"] = tuple(link.second)
+        if link.kind == "S":
+            del given["axis"]
         if link.kind == "H":
             given["lead"] = 2.0 * np.pi * link.rise
         own_mass: dict[str, Any] = {"mass": link.mass, "com": tuple(link.com), "inertia": link.inertia}
@@ -89,8 +103,11 @@ def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[Com
             sizes = {name: getattr(own, name) for name in ("length", "width") if np.isfinite(getattr(own, name))}
             sizes |= {"radius": own.radius} if own.radius else {}
             bearings = mb.Reaction(thrust_radius=own.thrust_radius, preload=own.preload, on=own.on, **sizes)
-            friction = mb.JointFriction(coulomb=own.mu, normal_force=bearings, deflection=own.deflection, coordinate=c)
-            m.force(f"f{k}{c}", friction, bodies[k])
+            law: dict[str, Any] = {"coulomb": own.mu, "normal_force": bearings, "deflection": own.deflection}
+            if link.kind != "S":
+                m.force(f"f{k}{c}", mb.JointFriction(coordinate=c, **law), bodies[k])
+            elif c == 0:
+                m.force(f"f{k}", mb.SphericalFriction(**law), bodies[k])
     for k, ball in enumerate(balls):
         cut = mb.SphericalCutJoint(at_a=tuple(ball.at_a), at_b=tuple(ball.at_b))
         m.cut(f"c{k}", cut, bodies[ball.a], bodies[ball.b])
@@ -120,13 +137,15 @@ def test_accelerations_and_friction_are_those_by_constraint_forces(size: float, 
     rng, jams = np.random.default_rng(7), 0
     for _ in range(12):
         compiled, reference = pair(rng, size, tuple(rng.choice(KINDS, size=5 if loop else 4)), loop)
-        frictions = [own for link in reference.links for own in link.friction.values()]
-        tables = [table for table in compiled.tables if "estimated_inertia" in (table.dtype.names or ())]
-        for own, inertia in zip(frictions, np.concatenate([t["estimated_inertia"] for t in tables]), strict=True):
-            own.inertia = float(inertia)
+        frictions = list({id(own): own for link in reference.links for own in link.friction.values()}.values())
+        for kind, count in ((ReactionFriction, 1), (SphericalReactionFriction, 3)):
+            inertias = compiled.records(kind)["estimated_inertia"]
+            for own, inertia in zip([own for own in frictions if len(own.z) == count], inertias, strict=True):
+                own.inertia = float(inertia)
         q = np.concatenate([link.q for link in reference.links])
-        v = np.concatenate([link.v for link in reference.links] + [[own.z for own in frictions]])
-        bearings, units = compiled.data.state.bearings, compiled.system.size[: len(q)]
+        v = np.concatenate([link.v for link in reference.links] + [own.z for own in frictions])
+        n = sum(len(link.v) for link in reference.links)
+        bearings, units = compiled.data.state.bearings, compiled.system.size[:n]
         found, lam = accelerations(compiled, q, v)
         forces, followed = bearings["resistance"].copy(), reference.follow_friction()
         if np.isnan(forces).any():
@@ -138,7 +157,7 @@ def test_accelerations_and_friction_are_those_by_constraint_forces(size: float, 
         if followed is not None:
             np.testing.assert_allclose(forces, followed, atol=1e-7 * largest)
         scaled = reference.accelerations(forces) / units
-        np.testing.assert_allclose(found[: len(q)] / units, scaled, atol=1e-7 * np.abs(scaled).max())
+        np.testing.assert_allclose(found[:n] / units, scaled, atol=1e-7 * np.abs(scaled).max())
         compiled.system.observe_all(np.zeros(1), q[None], v[None], found[None], lam[None], np.zeros((1, 0)))
         np.testing.assert_allclose(bearings["resistance"], forces, atol=1e-10 * largest)
     assert jams < 3

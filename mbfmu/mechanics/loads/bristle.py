@@ -33,7 +33,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, f8, i8
 
 from .base import FirstOrderState, Force
-from .reaction import Reaction
+from .reaction import Bearings, Reaction, bearings_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -125,7 +125,7 @@ class BristleFriction(Force):
     on_joint = True
     stick_reason = "the bristles of joints with friction are stiff"
     kernels_of_normal: ClassVar[Any]
-    allows_reaction: ClassVar[bool] = False  # whether the normal force may be a :class:`.Reaction`
+    reaction_variant: ClassVar[type[Force]]  # with the kernels of a normal force that is a :class:`.Reaction`
     law_quantities: ClassVar[Mapping[str, int]] = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a normal force
 
     coulomb: float
@@ -137,8 +137,10 @@ class BristleFriction(Force):
     deflection: float | None = None
 
     def __post_init__(self) -> None:
-        """Compile a normal force that is a law."""
-        if self.uses and not self.follows_reaction:
+        """Compile a normal force that is a law, or take the kernels of one that follows the reaction."""
+        if self.follows_reaction:
+            self.become(self.reaction_variant)
+        elif self.uses:
             law = QuantityLaw(
                 f"normal_force of a {type(self).__name__}", self.normal_force, self.law_quantities, self.uses
             )
@@ -150,10 +152,10 @@ class BristleFriction(Force):
 
     def check(self, what: str) -> None:
         """Refuse values that are no friction."""
-        if self.follows_reaction and (self.uses or not self.allows_reaction):
+        if self.follows_reaction and self.uses:
             raise UserError(
-                f"normal_force of {what} is a Reaction; allowed: in a JointFriction without `uses`. Give it as a "
-                "number, a signal or a law"
+                f"normal_force of {what} is a Reaction and `uses` is given; allowed: a Reaction without `uses`. Leave "
+                "out `uses`, or give the normal force as a law"
             )
         coulomb = positive(f"coulomb of {what}", self.coulomb)
         not_negative(f"viscous of {what}", self.viscous)
@@ -178,14 +180,27 @@ class BristleFriction(Force):
         """Return the force of the bristle over the Coulomb force."""
         return (FirstOrderState(name="bristle", is_held_at_rest=True),)
 
+    def bearings(self, joint: Any) -> Bearings | None:
+        """Return the bearings whose normal force follows the reaction of a joint; None: it has none of these."""
+        found = bearings_of(joint)
+        return found[self.coordinates[0]] if found else None
+
+    def check_joint(self, what: str, joint: Any) -> None:
+        """Refuse bearings that do not fit the joint."""
+        bearings = self.bearings(joint)
+        if isinstance(self.normal_force, Reaction) and bearings:
+            self.normal_force.check(what, bearings)
+
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write where it acts too."""
+        """Write where it acts, and its bearings, too."""
         first = self.coordinates[0]
         record["v"], record["state"] = site.v + first, site.first_state
         if self.uses:
             law: QuantityLaw = vars(self)["_law"]
             law.fill(record, site, {"q": site.q + first, "v": site.v + first})
-        elif not self.follows_reaction:
+        elif isinstance(self.normal_force, Reaction):
+            self.normal_force.fill(record, site, self.bearings(site.joint))
+        else:
             record["normal"] = site.signal(self.normal_force, f"normal_force of {site.name}")
         record["coulomb"], record["viscous"] = self.coulomb, self.viscous
         record["static"] = self.coulomb if self.static is None else self.static

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .bristle import BristleFriction, BristleRecord, signal_of_normal
-from .reaction import Reaction, bearings_of
 from .reaction_friction import ReactionFriction
 from .slip import slip_state
 
@@ -95,15 +93,9 @@ class JointFriction(BristleFriction):
     power = power
     kernels_of_normal = kernels_of_normal
     variants = (ReactionFriction,)
-    allows_reaction = True
+    reaction_variant = ReactionFriction
 
     coordinate: int = 0
-
-    def __post_init__(self) -> None:
-        """Take the kernels of a normal force that follows the reaction."""
-        super().__post_init__()
-        if self.follows_reaction:
-            self.become(ReactionFriction)
 
     def check(self, what: str) -> None:
         """Refuse a number that is none, too."""
@@ -120,17 +112,7 @@ class JointFriction(BristleFriction):
         """Return the need of a coordinate of this number that is no part of a rotation by a quaternion."""
         if self.coordinate >= joint.nv - 3 * joint.quaternion:
             return f"a joint with a coordinate {self.coordinate} (SphericalFriction: a ball joint)"
-        if self.follows_reaction and not bearings_of(joint):
-            return "a translational, revolute, cylindrical or screw joint, as its normal force is a Reaction"
+        if self.follows_reaction and not self.bearings(joint):
+            kinds = "translational, revolute, cylindrical, screw or universal"
+            return f"a {kinds} joint, as its normal force is a Reaction"
         return ""
-
-    def check_joint(self, what: str, joint: Any) -> None:
-        """Refuse bearings that do not fit the joint."""
-        if isinstance(self.normal_force, Reaction):
-            self.normal_force.check(what, bearings_of(joint)[self.coordinate])
-
-    def fill(self, record: Any, site: Attachment) -> None:
-        """Write the bearings too."""
-        super().fill(record, site)
-        if isinstance(self.normal_force, Reaction):
-            self.normal_force.fill(record, site, bearings_of(site.joint)[self.coordinate])

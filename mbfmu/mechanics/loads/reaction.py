@@ -10,9 +10,11 @@ and the normal forces N, which ``coulomb`` multiplies (N; for angles times a rad
     guide of a displacement  |F_1| + |F_2| + 2 |M_a| / w + P                   width w
     journal of an angle      r (|F_1| + |F_2| + P) + r_t |F_a|                 radius r, thrust radius r_t
     thread of a screw        r (|F_a + Q cos(g) sin(g) / r| / cos(g)^2 + P)    radius r, tan(g) = h / r
+    ball                     r (|F| + P)                                       radius r
 
 P is the preload. Q is the friction torque of the thread, g its lead angle, h the rise per radian: the flank transmits
-the normal force N cos(g) / r, whose axial part is F_a less the axial part of the friction along the thread.
+the normal force N cos(g) / r, whose axial part is F_a less the axial part of the friction along the thread. The two
+angles of a universal joint are journals of its cross, which has no mass: both transmit F and M.
 """
 
 from __future__ import annotations
@@ -21,12 +23,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from mbfmu.mechanics.checks import one_of
-from mbfmu.mechanics.joints import Cylindrical, Revolute, Screw, Translational
+from mbfmu.mechanics.joints import Cylindrical, Revolute, Screw, Spherical, Translational, Universal
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.util.errors import UserError
 
-GUIDE, JOURNAL, THREAD = range(3)  # types of bearings: of a displacement, of an angle, of a screw joint
+GUIDE, JOURNAL, THREAD, BALL = range(4)  # types of bearings: of a displacement, of an angle, of screw and ball joints
 
 
 class Bearings(NamedTuple):
@@ -35,13 +37,17 @@ class Bearings(NamedTuple):
     type: int
     required: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    frictions: int = 1  # components of the friction
 
 
+JOURNAL_BEARINGS = Bearings(JOURNAL, ("radius",), ("thrust_radius", "length"))
 BEARINGS = {  # of the coordinates of joints
     Translational: (Bearings(GUIDE, (), ("length", "width")),),
-    Revolute: (Bearings(JOURNAL, ("radius",), ("thrust_radius", "length")),),
+    Revolute: (JOURNAL_BEARINGS,),
+    Universal: (JOURNAL_BEARINGS, JOURNAL_BEARINGS),
     Cylindrical: (Bearings(JOURNAL, ("radius",), ("length",)), Bearings(GUIDE, (), ("length",))),
     Screw: (Bearings(THREAD, ("radius",)),),
+    Spherical: (Bearings(BALL, ("radius",), (), 3),),
 }
 
 
@@ -52,17 +58,19 @@ def bearings_of(joint: Any) -> tuple[Bearings, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Reaction:
-    """Normal force of :class:`.JointFriction` that follows the reaction force and moment of the joint.
+    """Normal force of :class:`.JointFriction` and :class:`.SphericalFriction` that follows the reaction of the joint.
 
     ``coulomb`` of the friction then is the coefficient of friction, for displacements and for angles. The joint is a
-    translational, revolute, cylindrical or screw joint of the tree.
+    translational, revolute, cylindrical, screw, universal or spherical joint of the tree.
 
     Parameters
     ----------
     radius
-        Radius of the journal of an angle, or mean radius of the thread of a screw joint, m. Required for these.
+        Radius of the journal of an angle or of the ball of a spherical joint, or mean radius of the thread of a screw
+        joint, m. Required for these.
     thrust_radius
-        Mean radius of the surface on which the axial force of a revolute joint acts, m; 0: it causes no friction.
+        Mean radius of the surface on which the axial force of a revolute joint, or of a pin of a universal joint, acts,
+        m; 0: it causes no friction.
     length
         Distance of the two bearings along the axis, m, or of the ends of a guide; they carry the moment across the
         axis. None: the moment causes no friction.
@@ -128,7 +136,8 @@ class Reaction:
         bearings
             Bearings that the joint has.
         """
-        record["bearing"], record["body"], record["bearing_type"] = site.bearing(), site.bodies[0], bearings.type
+        record["bearing"] = min([site.bearing() for _ in range(bearings.frictions)])
+        record["body"], record["bearing_type"] = site.bodies[0], bearings.type
         record["is_on_b"] = self.on == "b"
         record["radius"], record["thrust_radius"] = self.radius or 0.0, self.thrust_radius
         record["inverse_length"] = 1.0 / self.length if self.length else 0.0

@@ -1,10 +1,22 @@
-"""Friction and bristle of one coordinate, see :mod:`.bristle`."""
+"""Friction and bristle of one coordinate, and bristle of a ball joint, see :mod:`.bristle`."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from solvers.compiled.kernel import kernel
 
-from .bristle import BristleRecord, bristle_factors, deflection_of, stribeck_ratio, yielding_part
+from .bristle import (
+    BristleRecord,
+    bristle_factors,
+    deflection_of,
+    stribeck_ratio,
+    yielding_factor,
+    yielding_part,
+)
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import State
 
 
 @kernel
@@ -17,3 +29,13 @@ def slip_state(force: BristleRecord, normal: float, v: float, z: float) -> tuple
     rate = v * (1.0 - yielding) / deflection_of(force)
     stiffness, damping = bristle_factors(force, normal, v * v)
     return stiffness * z + damping * rate + force.viscous * v, rate
+
+
+@kernel
+def slip_factors(force: BristleRecord, state: State) -> tuple[float, float]:
+    """Square of the slip, and factor of z in d z' = v - factor z."""
+    square, along, length = 0.0 * state.v[force.v], 0.0 * state.v[force.v], 0.0 * state.v[force.v]
+    for k in range(3):
+        v, z = state.v[force.v + k], state.v[force.state + k]
+        square, along, length = square + v * v, along + v * z, length + z * z
+    return square, yielding_factor(force, square, along, length)

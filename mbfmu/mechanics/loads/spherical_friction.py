@@ -16,21 +16,12 @@ from .bristle import (
     bristle_factors,
     deflection_of,
     signal_of_normal,
-    yielding_factor,
 )
+from .reaction_friction import SphericalReactionFriction
+from .slip import slip_factors
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
-
-
-@kernel
-def slip_factors(force: BristleRecord, state: State) -> tuple[float, float]:
-    """Square of the slip, and factor of z in d z' = v - factor z."""
-    square, along, length = 0.0 * state.v[force.v], 0.0 * state.v[force.v], 0.0 * state.v[force.v]
-    for k in range(3):
-        v, z = state.v[force.v + k], state.v[force.state + k]
-        square, along, length = square + v * v, along + v * z, length + z * z
-    return square, yielding_factor(force, square, along, length)
 
 
 @kernel
@@ -93,12 +84,16 @@ class SphericalFriction(BristleFriction):
     Parameters
     ----------
     coulomb, static, stribeck, viscous, normal_force, uses, deflection
-        As for :class:`.JointFriction` of an angle. A normal force with ``uses`` cannot contain q and v.
+        As for :class:`.JointFriction` of an angle. A normal force with ``uses`` cannot contain q and v. With a
+        :class:`.Reaction` the largest torque is ``coulomb`` times the ``radius`` of the ball times the force that the
+        joint transmits.
     """
 
     apply = apply
     power = power
     kernels_of_normal = kernels_of_normal
+    variants = (SphericalReactionFriction,)
+    reaction_variant = SphericalReactionFriction
     law_quantities: ClassVar = {"t": TIME}
 
     @property

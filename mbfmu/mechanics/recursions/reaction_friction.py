@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbfmu.mechanics.loads.reaction import GUIDE, JOURNAL, THREAD
+from mbfmu.mechanics.loads.reaction import BALL, GUIDE, JOURNAL, THREAD
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import inlined, kernel
 from solvers.system import Terms
@@ -119,7 +119,7 @@ def offset(here: BearingRecord) -> float:
 @inlined
 def is_angle(here: BearingRecord) -> bool:
     """Whether the normal force is multiplied by a radius."""
-    return here.bearing_type in (JOURNAL, THREAD)
+    return here.bearing_type in (JOURNAL, THREAD, BALL)
 
 
 @inlined
@@ -170,6 +170,11 @@ def fill_bearing_loads(k: int, row: int, state: State) -> None:
         for i in range(6):
             y[row, i] = 0.0
         y[row, 6] = here.radius * along * (1.0 + here.tilt * here.tilt)
+        return
+    if here.bearing_type == BALL:
+        for i in range(3):
+            y[row, i], y[row, 3 + i] = here.radius * W[i], 0.0
+        y[row, 6] = 0.0
         return
     couple = (
         (my * a[2] - mz * a[1]) * here.inverse_length,
