@@ -33,7 +33,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, f8, i8
 
 from .base import FirstOrderState, Force
-from .reaction import Bearings, Reaction, bearings_of
+from .reaction import Reaction, bearings_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -180,16 +180,10 @@ class BristleFriction(Force):
         """Return the force of the bristle over the Coulomb force."""
         return (FirstOrderState(name="bristle", is_held_at_rest=True),)
 
-    def bearings(self, joint: Any) -> Bearings | None:
-        """Return the bearings whose normal force follows the reaction of a joint; None: it has none of these."""
-        found = bearings_of(joint)
-        return found[self.coordinates[0]] if found else None
-
     def check_joint(self, what: str, joint: Any) -> None:
         """Refuse bearings that do not fit the joint."""
-        bearings = self.bearings(joint)
-        if isinstance(self.normal_force, Reaction) and bearings:
-            self.normal_force.check(what, bearings)
+        if isinstance(self.normal_force, Reaction):
+            self.normal_force.check(what, bearings_of(joint)[self.coordinates[0]])
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts, and its bearings, too."""
@@ -199,7 +193,7 @@ class BristleFriction(Force):
             law: QuantityLaw = vars(self)["_law"]
             law.fill(record, site, {"q": site.q + first, "v": site.v + first})
         elif isinstance(self.normal_force, Reaction):
-            self.normal_force.fill(record, site, self.bearings(site.joint))
+            self.normal_force.fill(record, site, bearings_of(site.joint)[first])
         else:
             record["normal"] = site.signal(self.normal_force, f"normal_force of {site.name}")
         record["coulomb"], record["viscous"] = self.coulomb, self.viscous

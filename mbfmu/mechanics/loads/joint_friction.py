@@ -11,6 +11,7 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import jit_uncached, kernel
 
 from .bristle import BristleFriction, BristleRecord, signal_of_normal
+from .reaction import bearings_of
 from .reaction_friction import ReactionFriction
 from .slip import slip_state
 
@@ -112,7 +113,7 @@ class JointFriction(BristleFriction):
         """Return the need of a coordinate of this number that is no part of a rotation by a quaternion."""
         if self.coordinate >= joint.nv - 3 * joint.quaternion:
             return f"a joint with a coordinate {self.coordinate} (SphericalFriction: a ball joint)"
-        if self.follows_reaction and not self.bearings(joint):
+        if self.follows_reaction and not bearings_of(joint):
             kinds = "translational, revolute, cylindrical, screw or universal"
             return f"a {kinds} joint, as its normal force is a Reaction"
         return ""
