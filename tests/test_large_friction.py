@@ -17,6 +17,9 @@ BLOCKS, DURATION = 62, 1.0  # more coordinates than small models have; s
 COULOMB, STATIC, VISCOUS = 2.0, 3.0, 0.1  # N, N, N s/m
 STIFFNESS, DAMPING_RATIO, BETA = 30.0, 0.7, 0.9  # N/m; of the bristle, Dupont et al. 2002
 
+# of a motor of 1 ohm and 1 N m/A on the uppermost block: s, m, V/m, V/(m s), H, 1/m
+FILTER_TIME, TARGET, PROPORTIONAL, INTEGRAL, INDUCTANCE, RATIO = 0.02, 0.4, 8.0, 20.0, 1e-3, 2.0
+
 
 def start(size: float) -> tuple[Any, Any, Any]:
     """Masses, and displacements and velocities of every block against the one below it, for blocks of a size in m."""
@@ -24,8 +27,10 @@ def start(size: float) -> tuple[Any, Any, Any]:
     return rng.uniform(0.5, 2.0, BLOCKS), size * rng.uniform(-0.2, 0.2, BLOCKS), size * rng.uniform(-1.0, 1.0, BLOCKS)
 
 
-def stack(size: float) -> mb.Mechanism:
-    """A stack of blocks that slide on each other along one line, held by springs."""
+def stack(size: float, *, controlled: bool = False) -> mb.Mechanism:
+    """A stack of blocks that slide on each other along one line, held by springs; a motor may drive the uppermost one,
+    which a controller positions.
+    """
     m, parent = mb.Mechanism(), None
     for k, (mass, x, v) in enumerate(zip(*start(size), strict=True)):
         joint = mb.Translational(axis="x", start=x, rate=v, fixed=True, nominal=size)
@@ -41,20 +46,28 @@ def stack(size: float) -> mb.Mechanism:
         )  # fmt: skip
         parent = block
     assert parent is not None
+    if controlled:
+        seen = m.lag("seen", parent.position("x"), time_constant=FILTER_TIME, nominal=size)
+        gains = {"proportional": PROPORTIONAL, "integral": INTEGRAL}
+        control = m.pid("control", TARGET * size, seen, **gains, nominal=size)
+        given = {"resistance": 1.0, "inductance": INDUCTANCE, "torque_constant": 1.0, "ratio": RATIO}
+        m.dc_motor("motor", parent, control, **given, nominal_current=size)
     m.output("top", parent.position("x"), "Position of the uppermost block")
     m.output("last", parent.coordinate(), "Displacement of the uppermost block on the one below")
     return m
 
 
 @cache
-def reference() -> tuple[Any, Any]:
-    """Positions of all blocks at the end, in units of the size, and their bristles."""
+def reference(*, controlled: bool = False) -> tuple[Any, Any, Any]:
+    """Positions of all blocks at the end, in units of the size, their bristles, and the states of the controlled motor:
+    filter, integral part and current.
+    """
     masses, x, v = start(1.0)
     moved = 1.0 / (1.0 / masses + np.append(0.0, 1.0 / masses[:-1]))  # of two blocks that move against each other
     tau, d = 2.0 * DAMPING_RATIO * np.sqrt(moved * 2e-3 / COULOMB), 2e-3
 
     def rates(t: float, y: Any) -> Any:
-        x, v, z = y.reshape(3, BLOCKS)
+        (x, v, z), (seen, integral, current) = y[:-3].reshape(3, BLOCKS), y[-3:]
         displaced, slip = np.diff(x, prepend=0.0), np.diff(v, prepend=0.0)
         g = 1.0 + (STATIC / COULOMB - 1.0) * np.exp(-((slip / 0.3) ** 2))
         s = np.clip((np.abs(z) / g - BETA) / (1.0 - BETA), 0.0, 1.0)
@@ -62,13 +75,18 @@ def reference() -> tuple[Any, Any]:
         z_rate = (slip - alpha * np.abs(slip) * z / g) / d
         friction = COULOMB * (z + tau * z_rate / (1.0 + (tau * slip / d) ** 2)) + VISCOUS * slip
         force = friction + STIFFNESS * displaced
-        return np.concatenate((v, (np.append(force[1:], 0.0) - force) / masses, z_rate))
+        if controlled:
+            force[-1] -= RATIO * current
+        voltage = PROPORTIONAL * (TARGET - seen) + integral
+        current_rate = (voltage - current - RATIO * slip[-1]) / INDUCTANCE
+        motor = (x[-1] - seen) / FILTER_TIME, INTEGRAL * (TARGET - seen), current_rate
+        return np.concatenate((v, (np.append(force[1:], 0.0) - force) / masses, z_rate, motor))
 
-    y = np.concatenate((np.cumsum(x), np.cumsum(v), np.zeros(BLOCKS)))
+    y = np.concatenate((np.cumsum(x), np.cumsum(v), np.zeros(BLOCKS + 3)))
     found = solve_ivp(rates, (0.0, DURATION), y, method="DOP853", rtol=1e-10, atol=1e-12)
     assert found.success
-    x, _, z = found.y[:, -1].reshape(3, BLOCKS)
-    return x, z
+    x, _, z = found.y[:-3, -1].reshape(3, BLOCKS)
+    return x, z, found.y[-3:, -1]
 
 
 @pytest.mark.parametrize("solver", ["ida", "adams", "auto"])
@@ -96,13 +114,17 @@ def test_locks_leave_the_bristles_alone() -> None:
     assert abs(result["top"][-1] - result["top"][2]) > 1e-3
 
 
+@pytest.mark.parametrize("controlled", [False, True])
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 @pytest.mark.parametrize("solver", ["ida", "adams"])
-def test_blocks_that_slide_on_each_other(solver: str, size: float) -> None:
-    positions, bristles = reference()
-    simulation = Simulation(stack(size), Settings(solver=solver, tolerance=1e-7), duration=DURATION)
+def test_blocks_that_slide_on_each_other(solver: str, size: float, controlled: bool) -> None:
+    positions, bristles, motor = reference(controlled=controlled)
+    settings = Settings(solver=solver, tolerance=1e-7)
+    simulation = Simulation(stack(size, controlled=controlled), settings, duration=DURATION)
     assert isinstance(simulation.stepper, TreeIDAStepper) is (solver == "ida")
     assert simulation.advance(DURATION).ok
     q, v = simulation.stepper.q, simulation.stepper.v
     assert np.abs(np.cumsum(q) / size - positions).max() < 1e-5
-    assert np.abs(v[BLOCKS:] - bristles).max() < 1e-4
+    assert np.abs(v[BLOCKS : 2 * BLOCKS] - bristles).max() < 1e-4
+    if controlled:
+        assert v[2 * BLOCKS :] / size == pytest.approx(motor, abs=1e-4)

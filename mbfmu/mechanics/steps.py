@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from solvers.compiled.kernel import kernel
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord
+    from mbfmu.mechanics.records import MotionRecord, State
 
 COMPLEX_STEP_SIZE = 1e-30  # of the step
+NO_MOTION = 6  # number of the motion of a body that is not displaced
 
 
 @kernel
@@ -33,3 +34,12 @@ def step(here: MotionRecord, perturbed: MotionRecord, k: int, c1: float) -> None
     for j in range(6):
         perturbed.Y[j] = here.Y[j] + (c1 * COMPLEX_STEP_SIZE * 1j if j == k else 0.0)
         perturbed.F[j] = 0.0
+
+
+@kernel
+def release_bodies(state: State, perturbed: State) -> None:
+    """Place all bodies without an imaginary part, and without forces on them and along coordinates."""
+    for i in range(state.bodies.shape[0]):
+        step(state.bodies[i], perturbed.bodies[i], NO_MOTION, 0.0)
+    for i in range(perturbed.Q.shape[0]):
+        perturbed.Q[i] = 0.0

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import mbfmu as mb
 from fmus.sheet import Sheet
 from mbfmu.mechanics import (
     Bushing,
@@ -202,6 +203,34 @@ def test_bristles_of_joints_that_slide() -> None:
         m.force(f"friction{k}", law, parent)
     compiled = CompiledMechanism(m)
     v = np.array([0.5, -0.3, 0.8, 0.2, 1.1, -1.2, 1.3, -0.9])  # the last bristle is deflected against the slip
+    expect_exact(compiled, v, 3.0, 20.0)
+
+
+def test_states_of_controllers_motors_wheels_and_laws() -> None:
+    """They read coordinates, bodies and each other, act along coordinates and on bodies, and set a normal force."""
+    m, body = Mechanism(gravity=(0.3, -9.81, 2.0)), {"mass": 1.0, "inertia": (1.0, 2.0, 3.0), "com": (0.3, 0.1, 0.2)}
+    base = m.body("base", m.ground, Floating(at=(0.1, 0.5, 0.2)), **body)
+    arm = m.body("arm", base, Revolute(at=(0.2, 0.1, 0.0), start=0.4), **body)
+    ball = m.body("ball", arm, Spherical(at=(0.5, 0.0, 0.1)), **body)
+    slide = m.body("slide", ball, Translational(axis="y", at=(0.1, 0.2, 0.3)), **body)
+    control = m.pid(
+        "control", m.lag("target", 0.7, time_constant=0.2), arm.angle(), proportional=30.0, integral=20.0,
+        derivative=3.0, filter_time=0.1,
+    )  # fmt: skip
+    m.dc_motor("motor", arm, control, resistance=2.0, inductance=0.1, torque_constant=0.3, ratio=10.0)
+    height = m.state("height", "3 * (y - z) + 0.2 * w * z", uses={"y": slide.position("y"), "w": ball.rate(1)})
+    m.force("push", mb.JointForce("h * h - 4 * v", uses={"h": height}), slide)
+    grip = m.state("grip", "2 - z + s", uses={"s": slide.rate()})
+    friction = {"coulomb": 2.0, "deflection": 0.1}
+    m.force("brake", JointFriction(normal_force="1 + g", uses={"g": grip}, **friction), slide)
+    m.force("joint", SphericalFriction(**friction), ball)
+    wheel = mb.SlippingWheel(
+        radius=0.6, stiffness=300.0, damping=0.1, friction=0.7, deflection=0.2, axis="z", normal="y"
+    )
+    m.force("wheel", wheel, base)
+    compiled = CompiledMechanism(m)
+    v = np.zeros(compiled.system.n)
+    v[compiled.system.states] = 0.3 * np.random.default_rng(5).normal(size=compiled.system.n_states)
     expect_exact(compiled, v, 3.0, 20.0)
 
 

@@ -99,7 +99,9 @@ def test_native_fmu_of_friction_that_follows_the_reaction(tmp_path: Path) -> Non
 
 @dataclass(frozen=True, kw_only=True)
 class Stack(mb.Model):
-    """Blocks that slide on each other until friction stops them, more of them than small models have."""
+    """Blocks that slide on each other until friction stops them, more of them than small models have, and a motor that
+    positions the uppermost one.
+    """
 
     friction: float = mb.parameter(2.0, unit="N", min=0.01, doc="Friction between two blocks")
 
@@ -111,6 +113,9 @@ class Stack(mb.Model):
             block = m.body(f"block{k}", block, joint, mass=1.0 + 0.1 * (k % 7))
             law = mb.JointFriction(coulomb=self.friction, viscous=0.1, deflection=1e-3)
             m.force(f"friction{k}", law, block)
+        seen = m.lag("seen", block.position("x"), time_constant=0.02)
+        control = m.pid("control", 0.2, seen, proportional=50.0, integral=100.0)
+        m.dc_motor("motor", block, control, resistance=1.0, inductance=1e-3, torque_constant=0.1, ratio=10.0)
         m.output("x", block.position("x"))
         m.output("energy", m.energy)
         return m

@@ -68,6 +68,10 @@ class CompiledElements:
         Signals that each item refers to, in the order of ``ends``.
     used_parts
         Parts that each item refers to, in this order.
+    used_states
+        Places in State.v of the first-order states that each item refers to, in this order.
+    parts
+        The parts.
     """
 
     def __init__(self, mechanism: Mechanism, numbering: Numbering) -> None:
@@ -114,7 +118,10 @@ class CompiledElements:
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
         sites, filled = sites + of_parts, filled + filled_parts
-        self.used, self.used_parts = ([getattr(place, name) for _, place in sites] for name in ("used", "used_parts"))
+        self.used, self.used_parts, self.used_states = (
+            [getattr(place, name) for _, place in sites] for name in ("used", "used_parts", "used_states")
+        )
+        self.parts = list(numbering.parts)
         self._tables = tables = Tables([item for item, _ in sites], filled, numbering.parts)
         joints, cuts, couplings, acting, sensors, signals, parts = np.split(
             np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends

@@ -268,6 +268,7 @@ class CompiledAttachment:
         self.joint = bodies[0].joint if bodies else None
         first = self.bodies[0] if bodies else 0
         self.q, self.v, self.used, self.used_parts = numbering.q[first], numbering.v[first], list[int](), list[int]()
+        self.used_states = list[int]()
 
     def signal(self, value: Any, what: str) -> int:
         """Number a signal; loads of one name that give the same object share it."""
@@ -281,7 +282,8 @@ class CompiledAttachment:
 
     def state_place(self, state: Any) -> int:
         """Return where a first-order state is in State.v."""
-        return self._numbering.state_places[state.name]
+        self.used_states.append(self._numbering.state_places[state.name])
+        return self.used_states[-1]
 
     def part(self, part: ElementType) -> int:
         """Number a part, each object once."""

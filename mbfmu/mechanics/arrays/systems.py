@@ -16,7 +16,7 @@ from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_co
 from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe_all
-from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, find_groups, has_local_states
+from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, coupled_states, find_groups
 from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.positions import Positions, place_states
@@ -37,9 +37,11 @@ from .extrapolation import ExtrapolatedStress
 from .inputs import Drives
 from .numbering import Numbering, held_states
 from .scale import coordinate_sizes, row_sizes, spans
+from .state_use import find_state_use
 
 MAX_DENSE_TREE_COORDINATES = 60  # coordinates of a tree without loops, or of any with nonholonomic constraints, from
 # which on no dense matrix is made
+MAX_COUPLED_STATES = 200  # first-order states that the structured tangent does not condense: it has a matrix of these
 MAX_GROUP_BODIES = 1000  # bodies in a group of the structured tangent: its matrix has twelve rows a body
 
 
@@ -77,7 +79,8 @@ class Systems:
         self._nonholonomic = np.array([own for c in mechanism.constraints for own in c.nonholonomic], bool)
         # flexible bodies, and steady states of models with first-order states, require matrices
         self._needs_matrices = bool(mechanism.flexible_bodies or numbering.states)
-        self._condenses_states = not mechanism.flexible_bodies and has_local_states(mechanism.loads())
+        few = len(coupled_states(list(mechanism.loads()))) <= MAX_COUPLED_STATES
+        self._can_factor = few and not mechanism.flexible_bodies
         self._large = not self._needs_matrices and numbering.nv > limit
         if self._nonholonomic.any() and numbering.nv > MAX_DENSE_TREE_COORDINATES:
             wheel = next(handle.name for handle in mechanism.cuts if handle.cut.nonholonomic)
@@ -152,7 +155,7 @@ class Systems:
     @property
     def _has_tangent(self) -> bool:
         """Whether there is a structured tangent: drives and locked joints may leave first-order states alone."""
-        return self._condenses_states and self._numbering.nv > len(self._numbering.states)
+        return self._can_factor and self._numbering.nv > len(self._numbering.states)
 
     def _has_recursions(self, constraint_names: list[str]) -> bool:
         """Whether a mechanism that is solved by matrices can be solved by recursions, too."""
@@ -300,8 +303,10 @@ class Systems:
     def tangent(self, groups: Groups | None = None) -> Tangent:
         """Return the structured tangent over these groups of bodies, or those that joints and loads tie."""
         found = self._groups() if groups is None else groups
-        loads = list(self._mechanism.loads())
-        return Tangent(self._elements.tangent_arrays(), self._elements.data.state, found, loads)
+        loads, states = list(self._mechanism.loads()), len(self._numbering.states)
+        first = self._numbering.nv_full - states
+        use = find_state_use(self._mechanism, self._elements, first) if states else []
+        return Tangent(self._elements.tangent_arrays(), self._elements.data.state, found, loads, use)
 
     def _groups(self) -> Groups:
         """Return the groups of the structured tangent; UserError where they would be too wide to be solved."""

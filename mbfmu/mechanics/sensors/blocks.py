@@ -56,10 +56,8 @@ class BlockOutput(Sensor):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write what the block has, and the number of the output."""
-        block, first = self.item.block, 0
-        if block.states:
-            first = site.state_place(self.item.states[0])
-        block.write(record, site, first)
+        block, places = self.item.block, [site.state_place(state) for state in self.item.states]
+        block.write(record, site, places[0] if places else 0)
         record["output"] = self.component
 
     @property

@@ -26,7 +26,7 @@ nothing, so behind it y is no more unknowns than dq, and needs no condensation: 
 parent moves. What is left has a block for every group and for every two neighbors (:mod:`solvers.linalg.blocks`).
 
 First-order states that depend on one joint coordinate, such as the bristle of a joint with friction, are condensed onto
-this coordinate (:mod:`.states`). Other states are not supported.
+this coordinate (:mod:`.states`). Other states are a Schur complement (:mod:`.coupled_states`).
 
 A body that a load ties to many groups, such as a free roller that rubs on a mesh, is in a separate group, and its
 coupling to the others is a border (:mod:`.border`).
@@ -38,9 +38,9 @@ memory.
 
 from __future__ import annotations
 
+from .coupled_states import StateUse, coupled_states
 from .factored import Tangent
 from .groups import Groups, find_groups
-from .layout import has_local_states
 from .missing import MissingTangent
 
-__all__ = ["Groups", "MissingTangent", "Tangent", "find_groups", "has_local_states"]
+__all__ = ["Groups", "MissingTangent", "StateUse", "Tangent", "coupled_states", "find_groups"]

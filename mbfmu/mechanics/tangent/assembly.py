@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.steps import release_bodies
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.matrix_view import matrix_at
 from solvers.linalg.blocks import block_matrices, eliminate, find_places, reset
@@ -16,9 +17,10 @@ from solvers.system import Array
 
 from .border import project_border, set_equations
 from .condensation import condense
+from .coupled_states import fill_column, fill_row, reduce_to_states
 from .filling import fill
 from .joints import add_own_geometric_stiffness, add_parent_geometric_stiffness
-from .solving import solve_within
+from .solving import solve_uncoupled, solve_within
 from .states import add_coordinate_stiffness, set_armature_stiffness
 
 if TYPE_CHECKING:
@@ -89,6 +91,8 @@ def factor(c1: float, c2: float, symmetric: bool, averaged: bool, tangent: Tange
         perturbed.q[i] = state.q[i]
     for i in range(state.v.shape[0]):
         perturbed.v[i] = state.v[i]
+    if tangent.arrays.parts.shape[0] > 0:  # sensors in laws read bodies
+        release_bodies(state, perturbed)
     set_armature_stiffness(c2, tangent.arrays, scratch.along)
     if not add_coordinate_stiffness(
         c1, c2, tangent.layout, tangent.arrays, state, perturbed, scratch.along, tangent.states
@@ -101,7 +105,7 @@ def factor(c1: float, c2: float, symmetric: bool, averaged: bool, tangent: Tange
         assemble(group, c1, c2, symmetric, tangent)
         if not eliminate(group, tangent.factors):
             return False
-    return factor_border(tangent)
+    return factor_border(tangent) and factor_coupled_states(c1, c2, tangent)
 
 
 @kernel
@@ -222,3 +226,19 @@ def factor_border(tangent: TangentData) -> bool:
         for b in range(2 * r):
             border.inverse[a, b] = border.inverse[a, b] / border.units[a] * border.units[b] if good else 0.0
     return good
+
+
+@kernel
+def factor_coupled_states(c1: float, c2: float, tangent: TangentData) -> bool:
+    """Solve for the equations of the states that are not condensed; False where they are singular."""
+    own, work = tangent.coupled, tangent.unknowns.motion
+    count = own.numbers.shape[0]
+    for j in range(count):
+        fill_column(j, c1, c2, tangent.arrays, tangent.state, tangent.perturbed, own)
+        fill_row(j, c1, tangent.arrays, tangent.state, tangent.perturbed, own)
+        solve_uncoupled(own.columns[j], tangent, work)
+        for k in range(work.shape[0]):
+            own.columns[j, k] = work[k]
+        for i in range(count):
+            own.columns[j, work.shape[0] - tangent.arrays.world[0].states + own.numbers[i]] = 0.0
+    return count == 0 or reduce_to_states(own)

@@ -15,6 +15,7 @@ from solvers.system import Array, TangentCallbacks
 
 from .assembly import TangentScratch, factor
 from .border import Border
+from .coupled_states import CoupledStates, StateUse
 from .groups import Groups
 from .inertia import count_negative
 from .layout import Layout, lay_out
@@ -60,8 +61,8 @@ def empty_tangent() -> Any:
         TangentData(
             pin(layout), pin(arrays), pin(state), pin(copy_state(state)), pin(to_complex_state(state)),
             pin(TangentScratch.allocate([1], [1], [-1], 1, 1, 1, 6, 1)),
-            pin(Unknowns.allocate([1], [z(1, integers)], 1, 1)), pin(border), pin(StateTerms.allocate(1, 1)),
-            pin(Factors.allocate([1], [-1])), z(1, integers),
+            pin(Unknowns.allocate([1], [z(1, integers)], 1, 1, 1)), pin(border), pin(StateTerms.allocate(1, 1)),
+            pin(CoupledStates.of([], [], 1, 1)), pin(Factors.allocate([1], [-1])), z(1, integers),
         )
     )  # fmt: skip
 
@@ -77,6 +78,8 @@ class Tangent:
         Of all bodies.
     acting
         The loads.
+    use
+        What each load reads; not needed without first-order states.
 
     Attributes
     ----------
@@ -86,7 +89,9 @@ class Tangent:
         What its kernels work on, pinned.
     """
 
-    def __init__(self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting]) -> None:
+    def __init__(
+        self, arrays: Arrays, state: State, groups: Groups, acting: Sequence[Acting], use: Sequence[StateUse] = ()
+    ) -> None:
         self.symmetric = all(a.load.symmetric for a in acting)
         self.layout, kept, sizes = lay_out(arrays, groups, acting)
         free, states = int(arrays.bodies["nv"][arrays.bodies["vf"] >= 0].sum()), int(arrays.world["states"][0])
@@ -101,8 +106,9 @@ class Tangent:
         self.data = pin(
             TangentData(
                 pin(self.layout), pin(arrays), pin(state), pin(copy_state(state)), pin(to_complex_state(own)),
-                pin(self._scratch), pin(Unknowns.allocate(sizes, kept, nb, nv)), pin(self._border),
-                pin(StateTerms.allocate(states, free + states)), pin(self._factors), self._count,
+                pin(self._scratch), pin(Unknowns.allocate(sizes, kept, nb, nv, free + states)), pin(self._border),
+                pin(StateTerms.allocate(states, free + states)), pin(CoupledStates.of(acting, use, nb, free + states)),
+                pin(self._factors), self._count,
             )
         )  # fmt: skip
         self.callbacks = tangent_callbacks(self.data)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -141,11 +141,6 @@ def lay_out(
     return layout, kept, sizes
 
 
-def has_local_states(acting: Iterable[Acting]) -> bool:
-    """Whether every first-order state belongs to one coordinate of the joint that its load acts along."""
-    return all(not a.load.states or is_local(a.load) for a in acting)
-
-
 def is_local(load: Load) -> bool:
     """Whether a load acts along the coordinates of a joint, with a first-order state for each."""
     return load.on_joint and len(load.states) == len(load.coordinates)
@@ -186,7 +181,7 @@ def by_group(elements: Sequence[Sequence[int]], role: Any, groups: Groups) -> li
     return found
 
 
-def offsets(lists: list[list[int]]) -> NDArray[np.int64]:
+def offsets(lists: Sequence[Sequence[Any]]) -> NDArray[np.int64]:
     """Return where each list starts in :func:`flat_list`, and the end."""
     return np.concatenate(([0], np.cumsum([len(own) for own in lists]))).astype(np.int64)
 

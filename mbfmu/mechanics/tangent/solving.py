@@ -14,6 +14,7 @@ from solvers.system import Array
 
 from .border import add_border
 from .condensation import gather_motion, inertia_forces, spread_load
+from .coupled_states import add_coupled_states
 from .states import condense_states, expand_states
 
 if TYPE_CHECKING:
@@ -30,14 +31,15 @@ class Unknowns(NamedTuple):
     b: Array  # (rows + 6,)
     dual: Array  # (nv, 6) dual bases of all joints
     motions: Array  # (nb, 6)
+    motion: Array  # (n,) scratch
 
     @staticmethod
-    def allocate(sizes: Sequence[int], kept: Sequence[NDArray[np.int64]], nb: int, nv: int) -> Unknowns:
+    def allocate(sizes: Sequence[int], kept: Sequence[NDArray[np.int64]], nb: int, nv: int, n: int) -> Unknowns:
         """Return those of groups of ``sizes`` rows, of which the ``kept`` ones stay after condensation."""
         base, z, none = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64), np.zeros, np.zeros(0, np.int64)
         rows = np.concatenate([none, *(at + own for at, own in zip(base, kept, strict=False))])
         whole = np.concatenate([none, *kept])
-        return Unknowns(base, rows, whole, z(len(rows)), z(base[-1] + 6), z((nv, 6)), z((nb, 6)))
+        return Unknowns(base, rows, whole, z(len(rows)), z(base[-1] + 6), z((nv, 6)), z((nb, 6)), z(n))
 
 
 class TangentData(NamedTuple):
@@ -52,6 +54,7 @@ class TangentData(NamedTuple):
     unknowns: Any  # Unknowns
     border: Any  # .border.Border
     states: Any  # .states.StateTerms
+    coupled: Any  # .coupled_states.CoupledStates
     factors: Any  # solvers.linalg.blocks.Factors
     n_factored: NDArray[np.int64]  # (1,) how often T has been factored
 
@@ -59,6 +62,14 @@ class TangentData(NamedTuple):
 @kernel
 def solve(r: Reals, tangent: TangentData, dq: Reals) -> None:
     """dq (n,) with T dq = r."""
+    solve_uncoupled(r, tangent, dq)
+    if tangent.coupled.numbers.shape[0] > 0:
+        add_coupled_states(r, tangent.arrays.world[0].states, tangent.coupled, dq)
+
+
+@kernel
+def solve_uncoupled(r: Reals, tangent: TangentData, dq: Reals) -> None:
+    """dq (n,) with T dq = r, without the states that are not condensed and their rows."""
     solve_within(r, tangent, dq)
     add_border(tangent.border, dq)
 
