@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from sketches.forces import PICTURES as FORCES
-from sketches.joints import PICTURES as JOINTS
+from sketches import forces, friction, joints  # noqa: F401 they register their pictures
+from sketches.sketch import PICTURES
 
 FOLDER = Path(__file__).parent / "figures" / "elements"
-PICTURES = JOINTS | FORCES
 
 
 def main(names: list[str]) -> None:

@@ -244,7 +244,7 @@ def test_displacement_and_angle_of_a_cylindrical_joint_have_separate_friction() 
     m.output("force", sliding.effort())
     with pytest.raises(UserError, match="needs a joint with a coordinate 2"):
         m.force("none", mb.JointFriction(coulomb=1.0, coordinate=2), body)
-    with pytest.raises(UserError, match="needs a ball joint"):
+    with pytest.raises(UserError, match="needs a Spherical joint"):
         m.force("none", mb.SphericalFriction(coulomb=1.0), body)
     with pytest.raises(UserError, match="k of effort of force 'turning' is 1; allowed: 0 to 0"):
         turning.effort(1)

@@ -5,7 +5,6 @@ Body a is gray, body b blue. Red arrows are forces and moments, green ones the m
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -15,21 +14,10 @@ from scipy.spatial.transform import Rotation
 import mbfmu.mechanics as mbm
 
 from .joints import FRAME, PAPER
-from .sketch import BEFORE, BLUE, DARK, FORCE, GRAY, LINE, MOTION, Sketch
+from .sketch import BEFORE, BLUE, DARK, FORCE, GRAY, LINE, MOTION, Sketch, element
 from .solids import ball, block, disc, rod
 
-PICTURES: dict[str, Callable[[], Sketch]] = {}
 RUBBER, STOP = "#5d6472", "#c2564b"
-
-
-def element(name: str) -> Callable[[Any], Any]:
-    """Register the picture of an element of this name."""
-
-    def register(function: Any) -> Any:
-        PICTURES[name] = function
-        return function
-
-    return register
 
 
 def slider(place: float, joint: Any = None, bar: float = 0.001) -> tuple[Sketch, Any]:
@@ -144,42 +132,6 @@ def joint_stop() -> Sketch:
         s.show(s.a, STOP, block((0.22, 0.5, 0.6), (x, 0.0, 0.0)))
     s.slide("x", (0.2, 0.0, 0.7), 2.0)
     s.push((1.75, -0.3, 0.0), (1.12, -0.3, 0.0))
-    return s
-
-
-@element("JointFriction")
-def joint_friction() -> Sketch:
-    """A slide that a pad presses on, and the friction force against its velocity."""
-    s, _ = slider(0.5)
-    s.show(s.a, STOP, block((0.5, 0.5, 0.16), (0.5, 0.0, 0.52)))
-    s.push((0.5, 0.0, 1.35), (0.5, 0.0, 0.66))
-    s.slide("x", (1.35, 0.0, 0.35), 0.9)
-    s.push((0.0, -0.3, -0.45), (-0.9, -0.3, -0.45))
-    return s
-
-
-@element("SphericalFriction")
-def spherical_friction() -> Sketch:
-    """A ball in a socket, its rotation and the friction torque against it."""
-    s = Sketch(22.0, 26.0)
-    b = s.other((0.0, 0.0, 0.25), (0.25, 0.2, 0.0))
-    s.show(s.a, GRAY, block((1.5, 1.5, 0.3), (0.0, 0.0, -0.55)), disc(0.62, 0.45, (0.0, 0.0, -0.2)))
-    s.show(b, BLUE, ball(0.52), rod((0.0, 0.0, 0.3), (0.0, 0.0, 1.7), 0.14))
-    s.turn("z", (0.25, -0.2, 1.3), 0.55, (-150.0, 60.0))
-    s.turn("z", (0.1, -0.1, 0.35), 0.85, (40.0, -150.0), color=FORCE)
-    return s
-
-
-@element("SlippingWheel")
-def slipping_wheel() -> Sketch:
-    """A wheel that is pressed on a road, which pushes it forwards and sideways."""
-    s = Sketch(-48.0, 24.0)
-    R = 0.95
-    s.show(s.a, BLUE, disc(R, 0.4, (0.0, 0.0, R), "y"), disc(0.15, 0.8, (0.0, 0.0, R), "y"))
-    s.mechanism.force("f", mbm.SlippingWheel(radius=R, stiffness=1.0, friction=1.0, at_a=(0.0, 0.0, R)), s.a)
-    s.show(s.mechanism.ground, GRAY, block((3.4, 2.4, 0.1), (0.0, 0.0, -0.05)))
-    for end in ((0.0, -0.25, 0.75), (0.8, -0.25, 0.0), (0.0, -1.1, 0.0)):
-        s.line([(0.0, -0.25, 0.0), end], FORCE, heads="end")
     return s
 
 

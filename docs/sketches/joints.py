@@ -18,21 +18,10 @@ from scipy.spatial.transform import Rotation
 import mbfmu.mechanics as mbm
 import mbfmu.sheets as mbs
 
-from .sketch import BEHIND, BLUE, DARK, GRAY, LINE, MOTION, Sketch, pose
+from .sketch import BEHIND, BLUE, DARK, GRAY, LINE, MOTION, PICTURES, Sketch, element, pose
 from .solids import ball, block, disc, gear, rod
 
 PAPER, FRAME = "#8fb0f0", "#6b7280"  # a sheet, a fixed frame
-PICTURES: dict[str, Callable[[], Sketch]] = {}
-
-
-def element(name: str) -> Callable[[Any], Any]:
-    """Register the picture of an element of this name."""
-
-    def register(function: Any) -> Any:
-        PICTURES[name] = function
-        return function
-
-    return register
 
 
 @dataclass(frozen=True, kw_only=True)

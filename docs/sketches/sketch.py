@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import pairwise
@@ -197,3 +197,16 @@ def compressed(png: BytesIO) -> bytes:
     out = BytesIO()
     Image.open(png).quantize(COLORS, Image.Quantize.FASTOCTREE).save(out, "png", optimize=True)
     return out.getvalue()
+
+
+PICTURES: dict[str, Callable[[], Sketch]] = {}
+
+
+def element(name: str) -> Callable[[Any], Any]:
+    """Register the picture of an element of this name."""
+
+    def register(function: Any) -> Any:
+        PICTURES[name] = function
+        return function
+
+    return register

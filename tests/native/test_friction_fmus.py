@@ -53,7 +53,7 @@ def test_native_fmu_stops_as_the_simulation_and_for_other_parameters(tmp_path: P
 
 @dataclass(frozen=True, kw_only=True)
 class Drawer(mb.Model):
-    """A drawer that is pulled at a distance from its guide, and a top on a ball; friction follows the reactions."""
+    """A drawer pulled at a distance from its guide, a top on a ball, whose friction follows reactions; and a puck."""
 
     offset: float = mb.parameter(0.3, unit="m", doc="Distance of the force from the guide")
     length: float = mb.parameter(0.4, unit="m", min=0.01, doc="Length of the guide")
@@ -71,7 +71,10 @@ class Drawer(mb.Model):
         m.force("ball", mb.SphericalFriction(coulomb=0.2, normal_force=mb.Reaction(radius=0.05)), top)
         m.output("x", drawer.coordinate())
         m.output("force", friction.effort())
+        puck = m.body("puck", m.ground, mb.Planar(rate=(0.6, 0.8, 0.0)), mass=1.0, inertia=(0.1, 0.1, 0.1))
+        m.force("sliding", mb.PlanarFriction(coulomb=1.0, radius=0.1), puck)
         m.output("rate", top.angular_velocity("z"))
+        m.output("puck", puck.coordinate(0))
         return m
 
 
@@ -84,7 +87,7 @@ def test_native_fmu_of_friction_that_follows_the_reaction(tmp_path: Path) -> Non
     simulation = mb.Simulation(Drawer(), settings)
     for row in found[1:]:
         assert simulation.advance(row["time"]).ok
-        assert [row["x"], row["force"], row["rate"]] == simulation.outputs()[:3].tolist()
+        assert [row[name] for name in ("x", "force", "rate", "puck")] == simulation.outputs()[:4].tolist()
     for kind in ("CoSimulation", "ModelExchange"):
         how = {"fmi_type": kind, "relative_tolerance": 1e-6, "output_interval": 0.05, "stop_time": 1.0}
         found = simulate_fmu(str(path), start_values={"offset": 0.2, "length": 0.5}, **how)
@@ -93,6 +96,7 @@ def test_native_fmu_of_friction_that_follows_the_reaction(tmp_path: Path) -> Non
         assert found["x"][-1] == pytest.approx(0.5 * acceleration, rel=5e-3), kind
         assert found["force"][-1] == pytest.approx(2.0 * acceleration - 10.0, rel=1e-6), kind
         assert found["rate"][10] == pytest.approx(2.0 - 0.5 * 0.2 * 0.05 * 20.0 / 0.1, abs=3e-5), kind
+        assert found["puck"][-1] == pytest.approx(0.3, abs=6e-5), kind
         found = simulate_fmu(str(path), start_values={"offset": 0.8}, **how)
         assert abs(found["x"][-1]) < 3e-5, kind
 

@@ -43,11 +43,18 @@ def fill_estimates(mechanism: Mechanism, system: System, data: Data, length: flo
             acting.load.fill_estimates(record, float(data.arrays.bodies["mass"][body.index]), length)
             continue
         k = int(data.arrays.bodies["vf"][body.index])
-        along = np.array(acting.load.coordinates)
-        inertia = float(inertias[k + along].mean()) if k >= 0 else 0.0  # else a drive moves it
-        acting.load.fill_estimates(record, inertia, float(joint_sizes(body.name, body.joint, length)[along[0]]))
+        along, arms = np.array(acting.load.coordinates), np.array(acting.load.arms)
+        inertia = float((inertias[k + along] / arms**2).mean()) if k >= 0 else 0.0  # else a drive moves it
+        acting.load.fill_estimates(record, inertia, bearing_size(acting, length))
     for name in ("jam_time", "undetermined_time"):
         data.state.bearings[name] = NO_JAM  # evaluations without estimates count for none
+
+
+def bearing_size(acting: Acting, length: float) -> float:
+    """Return the displacement of the bearing of a load along coordinates by the size of these, rad or m: the least."""
+    body = acting.bodies[0]
+    sizes = joint_sizes(body.name, body.joint, length)[list(acting.load.coordinates)]
+    return float((sizes * acting.load.arms).min())
 
 
 def unresolved_loads(
@@ -60,8 +67,7 @@ def unresolved_loads(
     for acting, record in sticking_loads(mechanism, data):
         displacement, size = acting.load.resolved_displacement(record), length
         if acting.load.on_joint:
-            body = acting.bodies[0]
-            size = float(joint_sizes(body.name, body.joint, length)[acting.load.coordinates[0]])
+            size = bearing_size(acting, length)
         allowed = tolerance * size
         if displacement < (1.0 - 1e-9) * allowed:
             found.append((acting.what, displacement, allowed))

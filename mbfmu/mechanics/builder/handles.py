@@ -272,7 +272,8 @@ class ForceHandle:
         Parameters
         ----------
         k
-            Number among the coordinates on which it acts; only :class:`.SphericalFriction` has several.
+            Number among the coordinates on which it acts; friction such as
+            :class:`.SphericalFriction` has several.
 
         Raises
         ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .base import Force, Load
 from .beam import BeamElement
 from .bushing import Bushing
+from .combined_friction import CylindricalFriction, PlanarFriction, SphericalFriction
 from .damper import Damper, JointDamper
 from .distance_stop import DistanceStop
 from .drag import Drag
@@ -18,7 +19,6 @@ from .pressure import Pressure
 from .reaction import Reaction
 from .rope import Rope
 from .slipping_wheel import SlippingWheel
-from .spherical_friction import SphericalFriction
 from .spring import Spring
 from .torque import Torque
 from .torsion_spring import TorsionSpring
@@ -26,6 +26,7 @@ from .torsion_spring import TorsionSpring
 __all__ = [
     "BeamElement",
     "Bushing",
+    "CylindricalFriction",
     "Damper",
     "DistanceStop",
     "Drag",
@@ -37,6 +38,7 @@ __all__ = [
     "JointStop",
     "LineForce",
     "Load",
+    "PlanarFriction",
     "PointForce",
     "Pressure",
     "Reaction",

@@ -223,6 +223,13 @@ class Load(ElementType):
         """Numbers of the coordinates of its joint along which it acts, if it is ``on_joint``."""
         return (0,)
 
+    @property
+    def arms(self) -> tuple[float, ...]:
+        """Displacements of the bearing per unit of each of these coordinates, m/rad, or 1 if the load acts on it
+        directly: its estimates are those of the bearing.
+        """
+        return (1.0,) * len(self.coordinates)
+
     def describe_joint_refusal(self, joint: Any) -> str:
         """Return what a load that is ``on_joint`` needs, if it cannot act on this joint; empty: it can."""
         return "" if joint.nv == 1 else "a joint of one coordinate"
@@ -242,7 +249,8 @@ class Load(ElementType):
             Inertia that the joint coordinate of the first body moves at the start, kg m^2 or kg; 0: a drive moves it.
             Of several coordinates it is the mean. Of a load that is not ``on_joint``: mass of the first body, kg.
         size
-            Size of this coordinate, to which tolerances refer, rad or m. Else the length of the mechanism, m.
+            Size of this coordinate, to which tolerances refer, rad or m; of several the least. Else the length of the
+            mechanism, m.
         """
 
     def resolved_displacement(self, record: Any) -> float:

@@ -30,7 +30,7 @@ from mbfmu.mechanics.quantities import QuantityLaw
 from mbfmu.mechanics.quantity_kinds import MAX_QUANTITIES, POSITION, TIME, VELOCITY
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import inlined, kernel
-from solvers.compiled.record import Integers, Record, f8, i8
+from solvers.compiled.record import Integers, Record, Vec3, f8, i8
 
 from .base import FirstOrderState, Force
 from .reaction import Reaction, bearings_of
@@ -57,6 +57,13 @@ class BristleRecord(Record):
     deflection: f8  # rad or m; 0: the estimated one
     estimated_deflection: f8
     estimated_inertia: f8  # kg m^2 or kg, that the bristle moves
+
+
+class CombinedRecord(BristleRecord):
+    """Parameters of a friction on several coordinates that slide together."""
+
+    count: i8  # of these coordinates, the first of which is v
+    arms: Vec3  # slip per unit of each coordinate, 1 or m/rad
 
 
 @kernel
@@ -117,15 +124,15 @@ def signal_of_normal(force: BristleRecord, t: float, arrays: Arrays, state: Stat
 class BristleFriction(Force):
     """Base class of dry friction with stick.
 
-    ``kernels_of_normal`` returns ``apply`` and ``power`` with a normal force that a kernel (record, t, arrays, state)
-    computes.
+    ``variants`` contains the type with the kernels of a normal force that is a :class:`.Reaction`; none: it may not be
+    one. ``kernels_of_normal`` returns ``apply`` and ``power`` with a normal force that a kernel (record, t, arrays,
+    state) computes.
     """
 
     record = BristleRecord
     on_joint = True
     stick_reason = "the bristles of joints with friction are stiff"
     kernels_of_normal: ClassVar[Any]
-    reaction_variant: ClassVar[type[Force]]  # with the kernels of a normal force that is a :class:`.Reaction`
     law_quantities: ClassVar[Mapping[str, int]] = {"t": TIME, "q": POSITION, "v": VELOCITY}  # names in a normal force
 
     coulomb: float
@@ -139,7 +146,8 @@ class BristleFriction(Force):
     def __post_init__(self) -> None:
         """Compile a normal force that is a law, or take the kernels of one that follows the reaction."""
         if self.follows_reaction:
-            self.become(self.reaction_variant)
+            for variant in self.variants:
+                self.become(variant)
         elif self.uses:
             law = QuantityLaw(
                 f"normal_force of a {type(self).__name__}", self.normal_force, self.law_quantities, self.uses
@@ -152,6 +160,11 @@ class BristleFriction(Force):
 
     def check(self, what: str) -> None:
         """Refuse values that are no friction."""
+        if self.follows_reaction and not self.variants:
+            raise UserError(
+                f"normal_force of {what} is a Reaction; allowed: in JointFriction and SphericalFriction. Give it as a "
+                "number, a signal or a law"
+            )
         if self.follows_reaction and self.uses:
             raise UserError(
                 f"normal_force of {what} is a Reaction and `uses` is given; allowed: a Reaction without `uses`. Leave "

@@ -87,14 +87,14 @@ class JointFriction(BristleFriction):
         joint stops have errors of several deflections.
     coordinate
         Number of the coordinate, from 0, of a joint that has several. For ball joints use
-        :class:`.SphericalFriction`.
+        :class:`.SphericalFriction`; for coordinates that slide together :class:`.CylindricalFriction` and
+        :class:`.PlanarFriction`.
     """
 
     apply = apply
     power = power
     kernels_of_normal = kernels_of_normal
     variants = (ReactionFriction,)
-    reaction_variant = ReactionFriction
 
     coordinate: int = 0
 
@@ -112,7 +112,7 @@ class JointFriction(BristleFriction):
     def describe_joint_refusal(self, joint: Any) -> str:
         """Return the need of a coordinate of this number that is no part of a rotation by a quaternion."""
         if self.coordinate >= joint.nv - 3 * joint.quaternion:
-            return f"a joint with a coordinate {self.coordinate} (SphericalFriction: a ball joint)"
+            return f"a joint with a coordinate {self.coordinate} (of a ball joint: SphericalFriction)"
         if self.follows_reaction and not bearings_of(joint):
             kinds = "translational, revolute, cylindrical, screw or universal"
             return f"a {kinds} joint, as its normal force is a Reaction"

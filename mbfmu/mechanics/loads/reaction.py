@@ -137,6 +137,7 @@ class Reaction:
             Bearings that the joint has.
         """
         record["bearing"] = min([site.bearing() for _ in range(bearings.frictions)])
+        record["count"], record["arms"][: bearings.frictions] = bearings.frictions, 1.0
         record["body"], record["bearing_type"] = site.bodies[0], bearings.type
         record["is_on_b"] = self.on == "b"
         record["radius"], record["thrust_radius"] = self.radius or 0.0, self.thrust_radius

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solvers.compiled.kernel import inlined, kernel
+from solvers.compiled.kernel import kernel
 from solvers.compiled.record import f8, i8
 
 from .base import Force
-from .bristle import BRISTLE_DAMPING_RATIO, BristleRecord, deflection_of
-from .slip import slip_factors, slip_state
+from .bristle import BRISTLE_DAMPING_RATIO, CombinedRecord, deflection_of
+from .slip import slip_factors
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class ReactionFrictionRecord(BristleRecord):
+class ReactionFrictionRecord(CombinedRecord):
     """Parameters of a friction whose normal force is a :class:`.Reaction`."""
 
     bearing: i8  # number of the record in State.bearings; a ball joint has three in succession
@@ -36,72 +36,37 @@ class ReactionFrictionRecord(BristleRecord):
     preload: f8  # N
 
 
-@inlined
-def friction_along(
-    k: int, z: float, rate: float, square: float, viscous: float, force: ReactionFrictionRecord, state: State
-) -> float:
-    """Friction along component k of the slip, whose square is given: the one that was determined last, and the viscous
-    part. Writes the bearings and the bristle for the next one.
-    """
-    here = state.bearings[force.bearing + k]
-    d = deflection_of(force)
-    damping = 2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(force.estimated_inertia * d)
-    here.body, here.v, here.bearing_type, here.is_on_b = force.body, force.v + k, force.bearing_type, force.is_on_b
-    here.radius, here.thrust_radius, here.preload = force.radius, force.thrust_radius, force.preload
-    here.inverse_length, here.inverse_width = force.inverse_length, force.inverse_width
-    here.coulomb, here.z, here.rate, here.damping = force.coulomb, z, rate, damping
-    here.fading = (damping / d) * (damping / d) * square
-    return here.resistance + viscous
-
-
 @kernel
 def apply(force: ReactionFrictionRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    v, z = state.v[force.v], state.v[force.state]
-    viscous, rate = slip_state(force, 0.0 * v, v, z)
-    state.Q[force.v] -= friction_along(0, z, rate, v * v, viscous, force, state)
-    state.Q[force.state] += rate
+    """See :mod:`.base`. The friction that was determined last, the viscous part, and the rates of the bristle."""
+    square, factor = slip_factors(force, state)
+    d = deflection_of(force)
+    damping = 2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(force.estimated_inertia * d)
+    for k in range(force.count):
+        v, z, here = state.v[force.v + k], state.v[force.state + k], state.bearings[force.bearing + k]
+        rate = (v - factor * z) / d
+        here.body, here.v, here.bearing_type, here.is_on_b = force.body, force.v + k, force.bearing_type, force.is_on_b
+        here.radius, here.thrust_radius, here.preload = force.radius, force.thrust_radius, force.preload
+        here.inverse_length, here.inverse_width = force.inverse_length, force.inverse_width
+        here.coulomb, here.z, here.rate, here.damping = force.coulomb, z, rate, damping
+        here.fading = (damping / d) * (damping / d) * square
+        state.Q[force.v + k] -= here.resistance + force.viscous * v
+        state.Q[force.state + k] += rate
 
 
 @kernel
 def power(force: ReactionFrictionRecord, t: float, arrays: Arrays, state: State) -> float:
     """Heat, and what the bristle stores."""
-    v = state.v[force.v]
-    return -(state.bearings[force.bearing].resistance + force.viscous * v) * v
-
-
-@kernel
-def apply_spherical(force: ReactionFrictionRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
-    square, factor = slip_factors(force, state)
-    for k in range(3):
-        v, z = state.v[force.v + k], state.v[force.state + k]
-        rate = (v - factor * z) / deflection_of(force)
-        state.Q[force.v + k] -= friction_along(k, z, rate, square, force.viscous * v, force, state)
-        state.Q[force.state + k] += rate
-
-
-@kernel
-def spherical_power(force: ReactionFrictionRecord, t: float, arrays: Arrays, state: State) -> float:
-    """Friction torque times angular velocity."""
     total = 0.0 * state.v[force.v]
-    for k in range(3):
+    for k in range(force.count):
         v = state.v[force.v + k]
         total -= (state.bearings[force.bearing + k].resistance + force.viscous * v) * v
     return total
 
 
 class ReactionFriction(Force):
-    """Record and kernels of a :class:`.JointFriction` whose normal force is a :class:`.Reaction`."""
+    """Record and kernels of a :class:`.BristleFriction` whose normal force is a :class:`.Reaction`."""
 
     record = ReactionFrictionRecord
     apply = apply
     power = power
-
-
-class SphericalReactionFriction(Force):
-    """Record and kernels of a :class:`.SphericalFriction` whose normal force is a :class:`.Reaction`."""
-
-    record = ReactionFrictionRecord
-    apply = apply_spherical
-    power = spherical_power

@@ -1,4 +1,4 @@
-"""Friction and bristle of one coordinate, and bristle of a ball joint, see :mod:`.bristle`."""
+"""Friction and bristle of one coordinate, and bristle of several that slide together, see :mod:`.bristle`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from solvers.compiled.kernel import kernel
 
 from .bristle import (
     BristleRecord,
+    CombinedRecord,
     bristle_factors,
     deflection_of,
     stribeck_ratio,
@@ -32,10 +33,10 @@ def slip_state(force: BristleRecord, normal: float, v: float, z: float) -> tuple
 
 
 @kernel
-def slip_factors(force: BristleRecord, state: State) -> tuple[float, float]:
+def slip_factors(force: CombinedRecord, state: State) -> tuple[float, float]:
     """Square of the slip, and factor of z in d z' = v - factor z."""
     square, along, length = 0.0 * state.v[force.v], 0.0 * state.v[force.v], 0.0 * state.v[force.v]
-    for k in range(3):
-        v, z = state.v[force.v + k], state.v[force.state + k]
+    for k in range(force.count):
+        v, z = force.arms[k] * state.v[force.v + k], state.v[force.state + k]
         square, along, length = square + v * v, along + v * z, length + z * z
     return square, yielding_factor(force, square, along, length)
