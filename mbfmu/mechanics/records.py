@@ -181,6 +181,7 @@ class BearingRecord(Record):
     inverse_width: f8
     preload: f8  # N
     coulomb: f8  # coefficient of friction
+    arm: f8  # slip per unit of the coordinate, 1 or m/rad
     z: f8  # state of the bristle
     rate: f8  # its rate, 1/s
     damping: f8  # tau F^(1/2) with the Coulomb force F

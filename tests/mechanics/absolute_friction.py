@@ -20,10 +20,10 @@ DAMPING_RATIO, BETA = 0.7, 0.9  # of the bristle, Dupont et al. 2002
 
 @dataclass
 class Friction:
-    """Bearings and bristle of one coordinate, or of the three components of a ball joint."""
+    """Bearings and bristle of one coordinate, or of several that slide together."""
 
     mu: float
-    z: Array  # (1,) or (3,)
+    z: Array  # (1,), (2,) or (3,)
     deflection: float
     inertia: float
     radius: float = 0.0
@@ -32,9 +32,10 @@ class Friction:
     width: float = np.inf
     preload: float = 0.0
     on: str = "b"
+    arms: Array = None  # slip per unit of each coordinate that slides together with others; None: it does alone
 
     def force(self, normal: float, v: Array) -> Array:
-        """Friction against the velocity v (1,) or (3,) under a normal force, N or N m."""
+        """Friction against the slip v, as long as z, under a normal force, N or N m."""
         coulomb, speed = self.mu * normal, np.linalg.norm(v)
         if coulomb <= 0.0:
             return 0.0 * v
@@ -49,8 +50,9 @@ class Friction:
 
 @dataclass
 class Link:
-    """A body and the joint that carries it: "R", "P", "C" (angle, displacement), "H" (screw), "U" (two angles) or "S"
-    (unit quaternion, scalar first, and the angular velocity in the axes of the body).
+    """A body and the joint that carries it: "R", "P", "C" (angle, displacement), "H" (screw), "U" (two angles), "S"
+    (unit quaternion, scalar first, and the angular velocity in the axes of the body) or "L" (displacements along
+    ``second`` and ``axis`` x ``second``, and the angle about ``axis``).
     """
 
     parent: int  # 0: the ground
@@ -64,8 +66,10 @@ class Link:
     q: Array
     v: Array
     rise: float = 0.0
-    friction: dict[int, Friction] = field(default_factory=dict)  # by coordinate; of a ball joint three times the same
-    second: Array = None  # axis, of "U"
+    friction: dict[int, Friction] = field(
+        default_factory=dict
+    )  # by coordinate; of several that slide together the same
+    second: Array = None  # axis, of "U" and "L"
 
 
 @dataclass
@@ -78,7 +82,7 @@ class Ball:
     at_b: Array
 
 
-N_ROWS = {"R": 5, "P": 5, "C": 4, "H": 5, "U": 4, "S": 3}  # constraints of a joint
+N_ROWS = {"R": 5, "P": 5, "C": 4, "H": 5, "U": 4, "S": 3, "L": 3}  # constraints of a joint
 
 
 def turned(q: Array, v: Array) -> Array:
@@ -102,19 +106,27 @@ class Absolute:
         r, A, Y, axes = [np.zeros(3)], [np.eye(3)], [np.zeros(6)], [np.zeros(3)]
         for link in self.links:
             p, v = link.parent, link.v
-            if link.kind in "US":
-                R = A[p] @ link.R
-                if link.kind == "S":
+            if link.kind in "USL":
+                R, d, u = A[p] @ link.R, A[p] @ link.s, np.zeros(3)
+                if link.kind == "L":
+                    plane = R @ np.array([link.second, np.cross(link.axis, link.second)]).T
+                    n, q = R @ link.axis, link.q + dt * v
+                    d, u = d + plane @ q[:2], plane @ v[:2]
+                    B = R @ Rotation.from_rotvec(q[2] * link.axis).as_matrix()
+                    S, spin = np.column_stack((plane, n)), v[2] * n
+                elif link.kind == "S":
                     B = S = R @ turned(link.q, dt * v)
+                    spin = S @ v
                 else:
                     first, second = (
                         Rotation.from_rotvec((q + dt * rate) * axis).as_matrix()
                         for q, rate, axis in zip(link.q, v, (link.axis, link.second), strict=True)
                     )
                     B, S = R @ first @ second, R @ np.array([link.axis, first @ link.second]).T
-                r.append(r[p] + A[p] @ link.s)
+                    spin = S @ v
+                r.append(r[p] + d)
                 A.append(B)
-                Y.append(np.concatenate((Y[p][:3] + np.cross(Y[p][3:], r[-1] - r[p]), Y[p][3:] + S @ v)))
+                Y.append(np.concatenate((Y[p][:3] + np.cross(Y[p][3:], d) + u, Y[p][3:] + spin)))
                 axes.append(S)
                 continue
             q = link.q + dt * link.v
@@ -145,6 +157,11 @@ class Absolute:
         zero = np.zeros(3)
         for i, link in enumerate(self.links, 1):
             p, a = link.parent, axes[i]
+            if link.kind == "L":
+                row(i, p, a[:, 2], zero)
+                row(i, p, zero, a[:, 0])
+                row(i, p, zero, a[:, 1])
+                continue
             if link.kind in "US":
                 for e in np.eye(3):
                     row(i, p, e, zero)
@@ -223,7 +240,9 @@ class Absolute:
             lead = np.arctan2(link.rise, r)
             along = value * np.cos(lead) / r
             force, moment = -along * np.sin(lead) * a, -along * np.cos(lead) * r * a
-        elif link.kind in "US":
+        elif link.kind == "L" and coordinate < 2:
+            force = -value * a[:, coordinate]
+        elif link.kind in "USL":
             moment = -value * a[:, coordinate]
         elif link.kind == "P" or coordinate == 1:
             force = -value * a
@@ -245,6 +264,8 @@ class Absolute:
         F, M = wrench[:3], wrench[3:]
         if link.kind == "S":
             return float(f.force(f.radius * (np.linalg.norm(F) + f.preload), link.v)[coordinate])
+        if link.kind == "L":
+            return self.shared_friction(f, abs(F @ self.axes[i][:, 2]) + f.preload, link.v, coordinate)
         if link.kind == "U":  # the massless cross transmits the other friction, too
             a = self.axes[i][:, coordinate]
             M = M - self.x[self.own.index((i, 1 - coordinate))] * self.axes[i][:, 1 - coordinate]
@@ -259,11 +280,18 @@ class Absolute:
         sides = np.linalg.norm(radial / 2 + couple) + np.linalg.norm(radial / 2 - couple) + f.preload
         if link.kind == "P":
             sides += 2.0 * abs(M @ a) / f.width
+        elif f.arms is not None:
+            return self.shared_friction(f, sides, link.v, coordinate)
         elif coordinate == 0:
             sides = f.radius * sides + f.thrust_radius * abs(F @ a)
         elif link.kind == "U":
             sides = f.radius * sides + f.thrust_radius * abs(F @ a)
         return float(f.force(sides, link.v[coordinate : coordinate + 1])[0])
+
+    @staticmethod
+    def shared_friction(f: Friction, normal: float, v: Array, coordinate: int) -> float:
+        """Force on a coordinate that slides together with others."""
+        return float(f.arms[coordinate] * f.force(normal, f.arms * v[: len(f.arms)])[coordinate])
 
     def joint_accelerations(self, a: Array) -> Array:
         """Joint accelerations by those of the bodies (bodies + 1, 6)."""
@@ -271,6 +299,11 @@ class Absolute:
         for i, link in enumerate(self.links, 1):
             p, axis = link.parent, self.axes[i]
             d, w = self.r[i] - self.r[p], self.Y[p][3:]
+            if link.kind == "L":
+                u = axis[:, :2] @ link.v[:2]
+                way = a[i][:3] - a[p][:3] - np.cross(a[p][3:], d) - np.cross(w, np.cross(w, d)) - 2.0 * np.cross(w, u)
+                found += [*(axis[:, :2].T @ way), axis[:, 2] @ (a[i][3:] - a[p][3:])]
+                continue
             if link.kind in "US":
                 slip, relative = self.Y[i][3:] - w, a[i][3:] - a[p][3:]
                 if link.kind == "S":

@@ -14,8 +14,13 @@ from mbfmu.mechanics.loads.reaction_friction import ReactionFriction
 
 from .absolute_friction import Absolute, Ball, Friction, Link
 
-KINDS = ("R", "P", "C", "H", "U", "S")
+KINDS = ("R", "P", "C", "H", "U", "S", "L")
 DEFLECTION = 1e-3
+SCALES: dict[str, Any] = {  # of coordinates
+    "P": lambda size: [size], "C": lambda size: [1.0, size], "U": lambda _: [1.0, 1.0], "S": lambda _: 3 * [1.0],
+    "L": lambda size: [size, size, 1.0],
+}  # fmt: skip
+TOGETHER = {"S": mb.SphericalFriction, "C": mb.CylindricalFriction, "L": mb.PlanarFriction}
 
 
 def random_link(rng: Any, parent: int, size: float, kind: str) -> Link:
@@ -23,35 +28,47 @@ def random_link(rng: Any, parent: int, size: float, kind: str) -> Link:
     axes = rng.normal(size=(3, 3))
     axis, scale = (
         rng.normal(size=3),
-        np.array({"P": [size], "C": [1.0, size], "U": [1.0, 1.0], "S": 3 * [1.0]}.get(kind, [1.0])),
+        np.array(SCALES.get(kind, lambda _: [1.0])(size)),
     )
+    axis /= np.linalg.norm(axis)
+    second = np.linalg.svd(axis[None])[2][1] if kind == "U" else np.eye(3)[0] - axis[0] * axis
     q = rng.normal(size=4) if kind == "S" else scale * rng.normal(size=len(scale))
     return Link(
         parent, kind, size * rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(),
-        axis / np.linalg.norm(axis), rng.uniform(0.5, 3.0), 0.4 * size * rng.normal(size=3),
+        axis, rng.uniform(0.5, 3.0), 0.4 * size * rng.normal(size=3),
         size**2 * (0.1 * axes @ axes.T + 2.0 * np.eye(3)), q / np.linalg.norm(q) if kind == "S" else q,
-        scale * rng.normal(size=len(scale)), second=np.linalg.svd(axis[None])[2][1],
+        scale * rng.normal(size=len(scale)), second=second / np.linalg.norm(second),
         rise=0.1 * size * rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 2.0) if kind == "H" else 0.0,
     )  # fmt: skip
 
 
-def random_friction(rng: Any, link: Link, coordinate: int, size: float) -> Friction:
+def random_frictions(rng: Any, link: Link, size: float) -> dict[int, Friction]:
+    """Random frictions of all coordinates of a joint."""
+    if link.kind in "SL" or (link.kind == "C" and rng.random() < 0.5):
+        arm = 0.1 * size * rng.uniform(0.3, 1.0)
+        arms = {"S": np.ones(3), "C": np.array([arm, 1.0]), "L": np.array([1.0, 1.0, arm])}[link.kind]
+        shared = random_friction(rng, link, 0, size, arms[:2] if link.kind == "L" and rng.random() < 0.5 else arms)
+        return dict.fromkeys(range(len(shared.z)), shared)
+    return {c: random_friction(rng, link, c, size) for c in range(len(link.v))}
+
+
+def random_friction(rng: Any, link: Link, coordinate: int, size: float, arms: Any = None) -> Friction:
     """Random bearings that are weak enough for a solution."""
-    own = {"on": str(rng.choice(["a", "b"])), "preload": rng.choice([0.0, 2.0])}
-    angle = link.kind in "US" or (link.kind != "P" and coordinate == 0)
+    own: dict[str, Any] = {"on": str(rng.choice(["a", "b"])), "preload": rng.choice([0.0, 2.0]), "arms": arms}
+    angle = link.kind in "US" or (link.kind not in "PL" and coordinate == 0 and arms is None)
     if angle:
         own["radius"] = 0.1 * size * rng.uniform(0.3, 1.0)
     if link.kind in "RU":
         own["thrust_radius"] = 0.1 * size * rng.uniform(0.3, 1.0)
-    if link.kind not in "HS" and rng.random() < 0.7:
+    if link.kind not in "HSL" and rng.random() < 0.7:
         own["length"] = size * rng.uniform(0.5, 2.0)
     if link.kind == "P" and rng.random() < 0.5:
         own["width"] = size * rng.uniform(0.5, 2.0)
     deflection = DEFLECTION if angle else DEFLECTION * size
     z = rng.choice([-0.8, -0.3, 0.0, 0.5, 0.95]) * np.ones(1)
-    if link.kind == "S":
-        way = rng.normal(size=3)
-        z = z[0] * (-1.0 if way @ link.v < 0.0 else 1.0) * way / np.linalg.norm(way)
+    if arms is not None:
+        way = rng.normal(size=len(arms))
+        z = z[0] * (-1.0 if way @ (arms * link.v[: len(arms)]) < 0.0 else 1.0) * way / np.linalg.norm(way)
     return Friction(rng.uniform(0.02, 0.12), z, deflection, 0.0, **own)
 
 
@@ -61,9 +78,7 @@ def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[Com
     parents = [k if loop else int(rng.integers(0, k + 1)) for k in range(len(kinds))]
     links = [random_link(rng, parent, size, kind) for parent, kind in zip(parents, kinds, strict=True)]
     for link in links[-3:]:
-        for c in range(len(link.v)):
-            is_ball = link.kind == "S"
-            link.friction[c] = link.friction[0] if is_ball and c else random_friction(rng, link, c, size)
+        link.friction = random_frictions(rng, link, size)
     balls = []
     reference = Absolute(links, balls, gravity)
     if loop:
@@ -90,7 +105,7 @@ def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[Com
         if link.kind in "RPH":
             given |= {"start": link.q[0], "rate": link.v[0]}
         kinds = {"R": mb.Revolute, "P": mb.Translational, "C": mb.Cylindrical, "H": mb.Screw}
-        joint: Any = {**kinds, "U": mb.Universal, "S": mb.Spherical}[link.kind]
+        joint: Any = {**kinds, "U": mb.Universal, "S": mb.Spherical, "L": mb.Planar}[link.kind]
         if link.kind == "U":
             given["second"] = tuple(link.second)
         if link.kind == "S":
@@ -104,10 +119,11 @@ def pair(rng: Any, size: float, kinds: tuple[str, ...], loop: bool) -> tuple[Com
             sizes |= {"radius": own.radius} if own.radius else {}
             bearings = mb.Reaction(thrust_radius=own.thrust_radius, preload=own.preload, on=own.on, **sizes)
             law: dict[str, Any] = {"coulomb": own.mu, "normal_force": bearings, "deflection": own.deflection}
-            if link.kind != "S":
+            if own.arms is None:
                 m.force(f"f{k}{c}", mb.JointFriction(coordinate=c, **law), bodies[k])
             elif c == 0:
-                m.force(f"f{k}", mb.SphericalFriction(**law), bodies[k])
+                law |= {"C": {"radius": own.arms[0]}, "L": {"radius": [*own.arms, None][2]}}.get(link.kind, {})
+                m.force(f"f{k}", TOGETHER[link.kind](**law), bodies[k])
     for k, ball in enumerate(balls):
         cut = mb.SphericalCutJoint(at_a=tuple(ball.at_a), at_b=tuple(ball.at_b))
         m.cut(f"c{k}", cut, bodies[ball.a], bodies[ball.b])

@@ -72,7 +72,7 @@ class Drawer(mb.Model):
         m.output("x", drawer.coordinate())
         m.output("force", friction.effort())
         puck = m.body("puck", m.ground, mb.Planar(rate=(0.6, 0.8, 0.0)), mass=1.0, inertia=(0.1, 0.1, 0.1))
-        m.force("sliding", mb.PlanarFriction(coulomb=1.0, radius=0.1), puck)
+        m.force("sliding", mb.PlanarFriction(coulomb=0.5, radius=0.1, normal_force=mb.Reaction(preload=2.0)), puck)
         m.output("rate", top.angular_velocity("z"))
         m.output("puck", puck.coordinate(0))
         return m

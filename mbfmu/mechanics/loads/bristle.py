@@ -33,7 +33,7 @@ from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import Integers, Record, Vec3, f8, i8
 
 from .base import FirstOrderState, Force
-from .reaction import Reaction, bearings_of
+from .reaction import Bearings, Reaction, bearings_of
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -124,9 +124,9 @@ def signal_of_normal(force: BristleRecord, t: float, arrays: Arrays, state: Stat
 class BristleFriction(Force):
     """Base class of dry friction with stick.
 
-    ``variants`` contains the type with the kernels of a normal force that is a :class:`.Reaction`; none: it may not be
-    one. ``kernels_of_normal`` returns ``apply`` and ``power`` with a normal force that a kernel (record, t, arrays,
-    state) computes.
+    ``variants`` contains the type with the kernels of a normal force that is a :class:`.Reaction`.
+    ``kernels_of_normal`` returns ``apply`` and ``power`` with a normal force that a kernel (record, t, arrays, state)
+    computes.
     """
 
     record = BristleRecord
@@ -146,8 +146,7 @@ class BristleFriction(Force):
     def __post_init__(self) -> None:
         """Compile a normal force that is a law, or take the kernels of one that follows the reaction."""
         if self.follows_reaction:
-            for variant in self.variants:
-                self.become(variant)
+            self.become(self.variants[0])
         elif self.uses:
             law = QuantityLaw(
                 f"normal_force of a {type(self).__name__}", self.normal_force, self.law_quantities, self.uses
@@ -160,11 +159,6 @@ class BristleFriction(Force):
 
     def check(self, what: str) -> None:
         """Refuse values that are no friction."""
-        if self.follows_reaction and not self.variants:
-            raise UserError(
-                f"normal_force of {what} is a Reaction; allowed: in JointFriction and SphericalFriction. Give it as a "
-                "number, a signal or a law"
-            )
         if self.follows_reaction and self.uses:
             raise UserError(
                 f"normal_force of {what} is a Reaction and `uses` is given; allowed: a Reaction without `uses`. Leave "
@@ -193,10 +187,14 @@ class BristleFriction(Force):
         """Return the force of the bristle over the Coulomb force."""
         return (FirstOrderState(name="bristle", is_held_at_rest=True),)
 
+    def bearings(self, joint: Any) -> Bearings:
+        """Return the bearings of a joint whose normal force may follow its reaction."""
+        return bearings_of(joint)[self.coordinates[0]]
+
     def check_joint(self, what: str, joint: Any) -> None:
         """Refuse bearings that do not fit the joint."""
         if isinstance(self.normal_force, Reaction):
-            self.normal_force.check(what, bearings_of(joint)[self.coordinates[0]])
+            self.normal_force.check(what, self.bearings(joint))
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts, and its bearings, too."""
@@ -206,7 +204,8 @@ class BristleFriction(Force):
             law: QuantityLaw = vars(self)["_law"]
             law.fill(record, site, {"q": site.q + first, "v": site.v + first})
         elif isinstance(self.normal_force, Reaction):
-            self.normal_force.fill(record, site, bearings_of(site.joint)[first])
+            record["count"], record["arms"][: len(self.arms)] = len(self.arms), self.arms
+            self.normal_force.fill(record, site, self.bearings(site.joint))
         else:
             record["normal"] = site.signal(self.normal_force, f"normal_force of {site.name}")
         record["coulomb"], record["viscous"] = self.coulomb, self.viscous

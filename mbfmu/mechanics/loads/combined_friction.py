@@ -20,6 +20,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 
 from .base import FirstOrderState
 from .bristle import BristleFriction, CombinedRecord, bristle_factors, deflection_of, signal_of_normal
+from .reaction import BALL, PLANE, SLEEVE, Bearings
 from .reaction_friction import ReactionFriction
 from .slip import slip_factors
 
@@ -85,9 +86,11 @@ class CombinedFriction(BristleFriction):
     apply = apply
     power = power
     kernels_of_normal = kernels_of_normal
+    variants = (ReactionFriction,)
     law_quantities: ClassVar = {"t": TIME}
     joint: ClassVar[type[Joint]]
     suffixes: ClassVar[tuple[str, ...]]  # of the states
+    own_bearings: ClassVar[Bearings]
 
     @property
     def states(self) -> tuple[FirstOrderState, ...]:
@@ -99,10 +102,14 @@ class CombinedFriction(BristleFriction):
         """Return the need of the joint for which it is."""
         return "" if isinstance(joint, self.joint) else f"a {self.joint.__name__} joint"
 
+    def bearings(self, joint: Any) -> Bearings:
+        """Return the bearings of the coordinates that slide together."""
+        return self.own_bearings
+
     def fill(self, record: Any, site: Attachment) -> None:
         """Write the coordinates too."""
         super().fill(record, site)
-        record["count"], record["arms"][: len(self.coordinates)] = len(self.coordinates), self.arms
+        record["count"], record["arms"][: len(self.arms)] = len(self.arms), self.arms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +129,7 @@ class SphericalFriction(CombinedFriction):
 
     joint = Spherical
     suffixes = ("x", "y", "z")
-    variants = (ReactionFriction,)
+    own_bearings = Bearings(BALL, ("radius",))
 
     @property
     def coordinates(self) -> tuple[int, ...]:
@@ -148,6 +155,7 @@ class CylindricalFriction(CombinedFriction):
 
     joint = Cylindrical
     suffixes = ("angle", "displacement")
+    own_bearings = Bearings(SLEEVE, (), ("length",))
 
     radius: float
 
@@ -187,6 +195,7 @@ class PlanarFriction(CombinedFriction):
 
     joint = Planar
     suffixes = ("x", "y", "angle")
+    own_bearings = Bearings(PLANE)
 
     radius: float | None = None
 

@@ -11,6 +11,8 @@ and the normal forces N, which ``coulomb`` multiplies (N; for angles times a rad
     journal of an angle      r (|F_1| + |F_2| + P) + r_t |F_a|                 radius r, thrust radius r_t
     thread of a screw        r (|F_a + Q cos(g) sin(g) / r| / cos(g)^2 + P)    radius r, tan(g) = h / r
     ball                     r (|F| + P)                                       radius r
+    sleeve                   |F_1| + |F_2| + P
+    plane                    |F_a| + P                                         a: its normal
 
 P is the preload. Q is the friction torque of the thread, g its lead angle, h the rise per radian: the flank transmits
 the normal force N cos(g) / r, whose axial part is F_a less the axial part of the friction along the thread. The two
@@ -23,21 +25,21 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from mbfmu.mechanics.checks import one_of
-from mbfmu.mechanics.joints import Cylindrical, Revolute, Screw, Spherical, Translational, Universal
+from mbfmu.mechanics.joints import Cylindrical, Revolute, Screw, Translational, Universal
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.util.errors import UserError
 
-GUIDE, JOURNAL, THREAD, BALL = range(4)  # types of bearings: of a displacement, of an angle, of screw and ball joints
+# types of bearings: of a displacement, an angle, a screw joint, a ball joint; of a shaft that turns and slides, a plane
+GUIDE, JOURNAL, THREAD, BALL, SLEEVE, PLANE = range(6)
 
 
 class Bearings(NamedTuple):
-    """Bearings of one coordinate of a joint: their type, and their parameters."""
+    """Bearings of one coordinate of a joint, or of those that slide together: their type, and their parameters."""
 
     type: int
     required: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
-    frictions: int = 1  # components of the friction
 
 
 JOURNAL_BEARINGS = Bearings(JOURNAL, ("radius",), ("thrust_radius", "length"))
@@ -47,7 +49,6 @@ BEARINGS = {  # of the coordinates of joints
     Universal: (JOURNAL_BEARINGS, JOURNAL_BEARINGS),
     Cylindrical: (Bearings(JOURNAL, ("radius",), ("length",)), Bearings(GUIDE, (), ("length",))),
     Screw: (Bearings(THREAD, ("radius",)),),
-    Spherical: (Bearings(BALL, ("radius",), (), 3),),
 }
 
 
@@ -58,10 +59,10 @@ def bearings_of(joint: Any) -> tuple[Bearings, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Reaction:
-    """Normal force of :class:`.JointFriction` and :class:`.SphericalFriction` that follows the reaction of the joint.
+    """Normal force of a friction that follows the force and the moment which the joint transmits.
 
     ``coulomb`` of the friction then is the coefficient of friction, for displacements and for angles. The joint is a
-    translational, revolute, cylindrical, screw, universal or spherical joint of the tree.
+    joint of the tree, for :class:`.JointFriction` a translational, revolute, cylindrical, screw or universal one.
 
     Parameters
     ----------
@@ -86,6 +87,7 @@ class Reaction:
 
     Notes
     -----
+    The normal force on a plane is that of the whole body; how moments distribute it has no effect on the friction.
     Bearings and friction are on the axis: the moment of the friction of a guide about its axis, by its thickness, is
     neglected. The radial force of a screw joint and moments across its axis cause no friction.
     """
@@ -136,8 +138,7 @@ class Reaction:
         bearings
             Bearings that the joint has.
         """
-        record["bearing"] = min([site.bearing() for _ in range(bearings.frictions)])
-        record["count"], record["arms"][: bearings.frictions] = bearings.frictions, 1.0
+        record["bearing"] = min([site.bearing() for _ in range(record["count"])])
         record["body"], record["bearing_type"] = site.bodies[0], bearings.type
         record["is_on_b"] = self.on == "b"
         record["radius"], record["thrust_radius"] = self.radius or 0.0, self.thrust_radius

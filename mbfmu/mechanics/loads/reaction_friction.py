@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 class ReactionFrictionRecord(CombinedRecord):
     """Parameters of a friction whose normal force is a :class:`.Reaction`."""
 
-    bearing: i8  # number of the record in State.bearings; a ball joint has three in succession
+    bearing: i8  # number of the record in State.bearings; one for each coordinate, in succession
     body: i8  # whose tree joint it is
-    bearing_type: i8  # GUIDE, JOURNAL, THREAD or BALL
+    bearing_type: i8  # see :mod:`.reaction`
     is_on_b: i8  # 1: the bearings are fixed in body b of the joint
     radius: f8  # m
     thrust_radius: f8
@@ -43,14 +43,14 @@ def apply(force: ReactionFrictionRecord, t: float, arrays: Arrays, state: State)
     d = deflection_of(force)
     damping = 2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(force.estimated_inertia * d)
     for k in range(force.count):
-        v, z, here = state.v[force.v + k], state.v[force.state + k], state.bearings[force.bearing + k]
-        rate = (v - factor * z) / d
+        v, z = force.arms[k] * state.v[force.v + k], state.v[force.state + k]
+        rate, here = (v - factor * z) / d, state.bearings[force.bearing + k]
         here.body, here.v, here.bearing_type, here.is_on_b = force.body, force.v + k, force.bearing_type, force.is_on_b
         here.radius, here.thrust_radius, here.preload = force.radius, force.thrust_radius, force.preload
         here.inverse_length, here.inverse_width = force.inverse_length, force.inverse_width
-        here.coulomb, here.z, here.rate, here.damping = force.coulomb, z, rate, damping
+        here.arm, here.coulomb, here.z, here.rate, here.damping = force.arms[k], force.coulomb, z, rate, damping
         here.fading = (damping / d) * (damping / d) * square
-        state.Q[force.v + k] -= here.resistance + force.viscous * v
+        state.Q[force.v + k] -= here.resistance + force.arms[k] * force.viscous * v
         state.Q[force.state + k] += rate
 
 
@@ -59,8 +59,8 @@ def power(force: ReactionFrictionRecord, t: float, arrays: Arrays, state: State)
     """Heat, and what the bristle stores."""
     total = 0.0 * state.v[force.v]
     for k in range(force.count):
-        v = state.v[force.v + k]
-        total -= (state.bearings[force.bearing + k].resistance + force.viscous * v) * v
+        v, arm = state.v[force.v + k], force.arms[k]
+        total -= (state.bearings[force.bearing + k].resistance + arm * arm * force.viscous * v) * v
     return total
 
 

@@ -9,12 +9,12 @@ y_k0 are the loads without friction. Y_kj are those by a unit force on the coord
 elimination in the equations of motion, M a + J^T lambda = -h + e_j and J a = gamma. With the bristle force
 F z + ..., F = mu N, of :mod:`mbfmu.mechanics.loads.bristle` the friction forces are the solution of
 
-    x_k = R_k(N_k(x)),      R(N) = F z + z' c F^(3/2) / (F + f),      c = tau F^(1/2), f = (tau v / d)^2 F
+    x_k = a_k R_k(N_k(x)),      R(N) = F z + z' c F^(3/2) / (F + f),      c = tau F^(1/2), f = (tau v / d)^2 F
 
-by Newton's method from x = 0: N is convex in x, so that for one joint it converges to the solution that a growing
-coefficient of friction leads to. If it does not converge, the friction grows in parts. I - dR/dx is singular where
-friction amplifies the reaction without a bound (Painleve 1895); beyond there is no solution, or none that a growing
-friction leads to. The equations are then not finite, and the joint is named.
+with the arm a_k of the slip, by Newton's method from x = 0: N is convex in x, so that for one joint it converges to the
+solution that a growing coefficient of friction leads to. If it does not converge, the friction grows in parts.
+I - dR/dx is singular where friction amplifies the reaction without a bound (Painleve 1895); beyond there is no
+solution, or none that a growing friction leads to. The equations are then not finite, and the joint is named.
 
 If the accelerations are given, the loads of the bearings are too: :func:`update_reaction_friction`.
 """
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbfmu.mechanics.loads.reaction import BALL, GUIDE, JOURNAL, THREAD
+from mbfmu.mechanics.loads.reaction import BALL, GUIDE, JOURNAL, PLANE, SLEEVE, THREAD
 from mbfmu.mechanics.spatial import arm
 from solvers.compiled.kernel import inlined, kernel
 from solvers.system import Terms
@@ -124,13 +124,14 @@ def is_angle(here: BearingRecord) -> bool:
 
 @inlined
 def friction_of_normal(here: BearingRecord) -> tuple[float, float]:
-    """R and dR/dN at the normal force."""
+    """Force on the coordinate and its derivative with respect to N: R and dR/dN times the arm of the slip."""
     F = here.coulomb * here.normal
     if F.real <= 0.0:
-        return 0.0 * F, here.coulomb * here.z
+        return 0.0 * F, here.arm * here.coulomb * here.z
     root, total = np.sqrt(F), F + here.fading
     damping = here.rate * here.damping * root / total
-    return F * (here.z + damping), here.coulomb * (here.z + damping * (1.5 - F / total))
+    slope = here.coulomb * (here.z + damping * (1.5 - F / total))
+    return here.arm * F * (here.z + damping), here.arm * slope
 
 
 @kernel
@@ -139,6 +140,10 @@ def place_bearings(k: int, arrays: Arrays, state: State) -> None:
     here = state.bearings[k]
     body, child = arrays.bodies[here.body], state.bodies[here.body]
     row, first = body.si + here.v - body.vi, 0 if here.bearing_type == GUIDE else 3
+    if here.bearing_type == SLEEVE:
+        row = body.si
+    elif here.bearing_type == PLANE:
+        row = body.si + 2
     for c in range(3):
         here.axis[c] = state.S[row, first + c]
     here.tilt = 0.0
@@ -170,6 +175,11 @@ def fill_bearing_loads(k: int, row: int, state: State) -> None:
         for i in range(6):
             y[row, i] = 0.0
         y[row, 6] = here.radius * along * (1.0 + here.tilt * here.tilt)
+        return
+    if here.bearing_type == PLANE:
+        for i in range(6):
+            y[row, i] = 0.0
+        y[row, 6] = along
         return
     if here.bearing_type == BALL:
         for i in range(3):
@@ -285,7 +295,7 @@ def correct_friction(part: float, state: State) -> tuple[bool, int]:
         for k in range(count):
             change, here = A[k, count], state.bearings[k]
             A[k, count + 1] += change
-            scale = max(abs(A[k, count + 1].real), abs((here.coulomb * here.normal).real))
+            scale = max(abs(A[k, count + 1].real), abs((here.arm * here.coulomb * here.normal).real))
             converged = converged and abs(change.real) <= NEWTON_TOLERANCE * scale
         if converged:
             return determinant > MIN_DETERMINANT, worst
