@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.arrays.closing import assemble_velocities, least_change
-from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
 from mbfmu.steady.checks import STEADY_TOLERANCE, check
 from mbfmu.steady.cyclic import CYCLIC_TOLERANCE, find_cyclic
+from mbfmu.steady.messages import describe_dropped_rates, describe_failure, describe_held_states, describe_mesh
 from mbfmu.steady.periodic import PeriodicLinearization, describe_period
 from mbfmu.steady.rigid_body_modes import describe_pushed
 from mbfmu.steady.sampled import describe_samples
@@ -45,20 +45,6 @@ from solvers.system import Array
 
 MIN_CONTINUATION_STEP = 1e-3  # of the continuation, relative to the full speed
 SAME_STATE_DISTANCE = 1e-6  # states closer than this, in units of the coordinates, are one
-
-OUTCOME_TEXTS = {
-    Outcome.NO_PROGRESS: "neither Newton iteration nor pseudo-transient continuation converged",
-    Outcome.SINGULAR: "the Jacobian is singular, and no position nearby balances the remaining force",
-    Outcome.UNDETERMINED: "the search ended in a singular configuration, in which the forces of the loop-closing "
-    "joints are not determined",
-    Outcome.NOT_FINITE: "the equations gave a value that is not finite",
-}
-
-SLIDING_TEXT = (
-    "the friction of contacts is proportional to slip and holds nothing at rest, so that a sheet without "
-    "supports has no unique steady state: add a support, try another start (--from), or run it until it has "
-    "settled"
-)
 
 
 class EquilibriumProblem:
@@ -263,11 +249,13 @@ class EquilibriumProblem:
             found_from=found_from,
             continued=continued,
             diagnostics=(
-                *self._notes(),
+                *describe_held_states(self.compiled),
+                *describe_samples(self.compiled),
+                *describe_dropped_rates(self.compiled, self._v),
                 *self.compiled.coincident(0.0, q),
                 *self.compiled.describe_assumed_length(),
                 *([describe_period(self.compiled)] if periodic else ()),
-                *self._describe_mesh(q),
+                *describe_mesh(self.compiled, q),
             ),
             periodic=periodic,
             cyclic=self._cyclic,
@@ -286,39 +274,6 @@ class EquilibriumProblem:
                 return (Diagnostic.note("steady-state", text),)
         return ()
 
-    def _describe_mesh(self, q: Array) -> tuple[Diagnostic, ...]:
-        """Return a warning if elements are beyond the limits of their theory in a state."""
-        if self.compiled.limit_ratio(0.0, q) <= MAX_ACCURATE_RATIO:
-            return ()
-        return (Diagnostic.parse(self.compiled.describe_limit(0.0, q), "warning", "coarse-mesh"),)
-
-    def _notes(self) -> tuple[Diagnostic, ...]:
-        """Return what the steady state is not, though the model's start may have meant it to be."""
-        held = (*self._held_notes(), *describe_samples(self.compiled))
-        given, names = self.compiled.assembly.start_velocities(), self.compiled.system.coordinate_names
-        given[len(given) - self.compiled.system.n_states :] = 0.0  # where the search for the states begins
-        dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != self._v) & (given != 0.0))]
-        if not dropped:
-            return held
-        text = (
-            f"the given rate of {', '.join(dropped)} is not kept: in a steady state drives and cyclic coordinates, on "
-            "which nothing depends, move on, and everything else is at rest"
-        )
-        return (*held, Diagnostic.note("steady-state", text))
-
-    def _held_notes(self) -> tuple[Diagnostic, ...]:
-        """Return a note if first-order states keep their start values, as the bristles of joints with friction."""
-        system = self.compiled.system
-        states = system.coordinate_names[system.n_velocities :]
-        names = [name for name, held in zip(states, system.held_states, strict=True) if held]
-        if not names:
-            return ()
-        text = (
-            f"{names[0]!r}{f' and {len(names) - 1} more' * (len(names) > 1)} keeps its start value: friction exerts no "
-            "other force in this state, although it could hold positions nearby, too"
-        )
-        return (Diagnostic.note("steady-state", text),)
-
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
         self.compiled.drives.run_at(part * self._full_speeds, self.signals)
@@ -329,7 +284,7 @@ class EquilibriumProblem:
     def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
         """Follow the steady state from rest to full speed."""
         if not any(speed for _, speed, _ in self.compiled.drives.speeds()):
-            raise EquilibriumError(self._failure(failed, "no equilibrium was found"))
+            raise EquilibriumError(self._describe_failure(failed, "no equilibrium was found"))
         part, step, iterations = 0.0, 0.25, failed.iterations
         lam: Array | None = None
         try:
@@ -343,44 +298,28 @@ class EquilibriumProblem:
                         break
                     step = min(1.5 * step, 1.0 - part)
                 elif lam is None:
-                    raise EquilibriumError(self._failure(solution, "no steady state was found, nor one at rest"))
+                    raise EquilibriumError(
+                        self._describe_failure(solution, "no steady state was found, nor one at rest")
+                    )
                 else:
                     step *= 0.5
                     if step < MIN_CONTINUATION_STEP:
                         text = (
                             f"no steady state was found: followed from rest it ends at {reached:.1%} of the drive speed"
                         )
-                        raise EquilibriumError(self._failure(solution, text))
+                        raise EquilibriumError(self._describe_failure(solution, text))
                 part = min(1.0, reached + step)
         finally:
             self._set_speed(1.0)
         return replace(solution, iterations=iterations)
 
-    def _failure(self, solution: Solution, what: str) -> str:
-        worst = int(np.argmax(np.abs(solution.forces)))
-        gap = self.compiled.length * float(np.abs(solution.gaps / self.compiled.system.row_size).max(initial=0.0))
-        if solution.outcome is not Outcome.NOT_FINITE and (pushed := self._describe_pushed()):
-            return (
-                f"{what} for {self.model.name!r}: at the start nothing resists {pushed}, on which the loads act; "
-                "add a support, or try another start (--from)"
-            )
-        if any(self.compiled.system.held_states):
-            advice = "friction does not hold anything in these states: run the model until it stops"
-        else:
-            advice = SLIDING_TEXT if self.compiled.system.nonsmooth_reason else "try another start (--from)"
-        return (
-            f"{what} for {self.model.name!r}: {OUTCOME_TEXTS[solution.outcome]}; residual "
-            f"{abs(solution.forces[worst]):.3g} "
-            f"N or N m at {self.compiled.system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; "
-            f"{advice}"
-        )
-
-    def _describe_pushed(self) -> str:
-        """Return a message on the motion of a large model at the start on which loads act without resistance."""
-        if self.compiled.system.has_matrices:
-            return ""
-        forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.compiled.system.m))
-        return describe_pushed(self.compiled, self._start, forces, STEADY_TOLERANCE)
+    def _describe_failure(self, solution: Solution, what: str) -> str:
+        """Return why a search failed, see :func:`.describe_failure`."""
+        pushed = ""
+        if solution.outcome is not Outcome.NOT_FINITE and not self.compiled.system.has_matrices:
+            forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.compiled.system.m))
+            pushed = describe_pushed(self.compiled, self._start, forces, STEADY_TOLERANCE)
+        return describe_failure(f"{what} for {self.model.name!r}", self.compiled, solution, pushed)
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one

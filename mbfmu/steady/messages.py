@@ -1,0 +1,91 @@
+"""What the search for a steady state reports."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO
+from mbfmu.util.diagnostics import Diagnostic
+from solvers.statics.newton import Outcome, Solution
+from solvers.system import Array
+
+OUTCOME_TEXTS = {
+    Outcome.NO_PROGRESS: "neither Newton iteration nor pseudo-transient continuation converged",
+    Outcome.SINGULAR: "the Jacobian is singular, and no position nearby balances the remaining force",
+    Outcome.UNDETERMINED: "the search ended in a singular configuration, in which the forces of the loop-closing "
+    "joints are not determined",
+    Outcome.NOT_FINITE: "the equations gave a value that is not finite",
+}
+
+SLIDING_TEXT = (
+    "the friction of contacts is proportional to slip and holds nothing at rest, so that a sheet without "
+    "supports has no unique steady state: add a support, try another start (--from), or run it until it has "
+    "settled"
+)
+
+
+def describe_held_states(compiled: CompiledMechanism) -> tuple[Diagnostic, ...]:
+    """Return a note if first-order states keep their start values, as the bristles of joints with friction."""
+    system = compiled.system
+    states = system.coordinate_names[system.n_velocities :]
+    names = [name for name, held in zip(states, system.held_states, strict=True) if held]
+    if not names:
+        return ()
+    subject = f"{names[0]!r} keeps its start value"
+    if len(names) > 1:
+        subject = f"{names[0]!r} and {len(names) - 1} more keep their start values"
+    text = f"{subject}: friction exerts no other force in this state, although it could hold positions nearby, too"
+    return (Diagnostic.note("steady-state", text),)
+
+
+def describe_dropped_rates(compiled: CompiledMechanism, v: Array) -> tuple[Diagnostic, ...]:
+    """Return a note if the model's start has other rates than the steady state, v (n,)."""
+    given, names = compiled.assembly.start_velocities(), compiled.system.coordinate_names
+    given[len(given) - compiled.system.n_states :] = 0.0  # where the search for the states begins
+    dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != v) & (given != 0.0))]
+    if not dropped:
+        return ()
+    text = (
+        f"the given rate of {', '.join(dropped)} is not kept: in a steady state drives and cyclic coordinates, on "
+        "which nothing depends, move on, and everything else is at rest"
+    )
+    return (Diagnostic.note("steady-state", text),)
+
+
+def describe_mesh(compiled: CompiledMechanism, q: Array) -> tuple[Diagnostic, ...]:
+    """Return a warning if elements are beyond the limits of their theory in a state, q (nq,)."""
+    if compiled.limit_ratio(0.0, q) <= MAX_ACCURATE_RATIO:
+        return ()
+    return (Diagnostic.parse(compiled.describe_limit(0.0, q), "warning", "coarse-mesh"),)
+
+
+def describe_failure(what: str, compiled: CompiledMechanism, solution: Solution, pushed: str) -> str:
+    """Return why a search ended without a steady state.
+
+    Parameters
+    ----------
+    what
+        What was not found.
+    compiled
+        The model.
+    solution
+        Where the search ended.
+    pushed
+        The motion on which loads act at the start without resistance; empty: there is none.
+    """
+    system, worst = compiled.system, int(np.argmax(np.abs(solution.forces)))
+    gap = compiled.length * float(np.abs(solution.gaps / system.row_size).max(initial=0.0))
+    if pushed:
+        return (
+            f"{what}: at the start nothing resists {pushed}, on which the loads act; add a support, or try another "
+            "start (--from)"
+        )
+    if any(system.held_states):
+        advice = "friction does not hold anything in these states: run the model until it stops"
+    else:
+        advice = SLIDING_TEXT if system.nonsmooth_reason else "try another start (--from)"
+    return (
+        f"{what}: {OUTCOME_TEXTS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} N or N m at "
+        f"{system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; {advice}"
+    )
