@@ -47,7 +47,7 @@ from solvers.compiled.kernel import inlined, kernel
 from .system import Array
 
 if TYPE_CHECKING:
-    from solvers.compiled.record import Reals
+    from solvers.compiled.record import Integers, Reals
 
 PASSAGE_SPEEDS = 4  # by which a slow passage is found
 ACCOUNT_FIELDS: list[Any] = [
@@ -167,6 +167,13 @@ def set_uniform_scales(
         scales.position_tolerance[k] = absolute * size[k]
         scales.rate_tolerance[k] = rate * scales.position_tolerance[k]
         scales.bound_results[SCALAR_RESULTS + k], scales.bound_results[SCALAR_RESULTS + n + k] = np.nan, np.nan
+
+
+@kernel
+def set_state_scales(scales: EnergyScales, absolute: float, size: Reals, states: Integers) -> None:
+    """Set the absolute tolerances of first-order states, whose places are ``states`` (k,), in units ``size`` (n,)."""
+    for k in range(states.shape[0]):
+        scales.rate_tolerance[states[k]] = absolute * size[states[k]]
 
 
 @kernel

@@ -32,7 +32,13 @@ from solvers import stepper
 from solvers.compiled.kernel import COMPILED
 from solvers.options import Options
 from solvers.resolution import MIN_RATE_PER_DURATION
-from solvers.steppers import MAX_RADAU_COORDINATES, describe_order_refusal, eliminates_constraints, uses_recursions
+from solvers.steppers import (
+    MAX_RADAU_COORDINATES,
+    describe_order_refusal,
+    eliminates_constraints,
+    eliminates_implicitly,
+    uses_recursions,
+)
 from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array
 
 from .stiffness import spectrum
@@ -270,6 +276,8 @@ def select_implicit(compiled: CompiledMechanism, tolerance: float) -> tuple[str,
     system, size = compiled.system, describe_size(compiled)
     if uses_recursions("ida", system):
         return "ida", f"a large open-chain model with {size}"
+    if system.has_matrices and system.n_states and eliminates_implicitly("ida", system):
+        return "ida", f"{size} and {system.m} constraints, which are eliminated along the tree"
     if system.has_matrices:
         few = system.n <= MAX_RADAU_COORDINATES
         return ("radau", size) if few else ("ida", f"{size}, too many for 'radau'")

@@ -24,7 +24,7 @@ from solvers.compiled.record import Record, Table, f8, i8
 from solvers.inertia import InertiaRecord
 from solvers.linalg.dense import largest_change
 from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK
-from solvers.positions import Positions
+from solvers.positions import Positions, count_velocities
 from solvers.system import ELIMINATION_REPORT_SIZE, RANK, RESIDUAL, SHORTEST, Array
 
 from .projection import MAX_PROJECTION_CORRECTIONS, RESIDUAL_TOLERANCE
@@ -248,7 +248,7 @@ def project(eqs: EliminationEquations, t: float, q: Reals, v: Reals, closed: flo
     if is_near_crossing(q, shortest_of(report, near.rank), work):
         eqs.correct_velocity(t, q, v, eqs.elimination, LEFT_OUT_LENGTH, work.change, report)
     changed, speed = largest_change(work.change, work.size), MIN_SPEED_RATIO * work.coordinate_rates[0]
-    for i in range(v.shape[0]):
+    for i in range(count_velocities(work.positions, v.shape[0])):
         speed = max(speed, abs(v[i]) / work.size[i])
         v[i] += work.change[i]
     if not np.isfinite(changed):
@@ -292,8 +292,10 @@ def find_normal_rank(eqs: EliminationEquations, t: float, q: Reals, v: Reals, wo
         for i in range(q.shape[0]):
             work.q_near[i] = q[i]
         if attempt > 0:
+            moving = count_velocities(work.positions, v.shape[0])
             for i in range(v.shape[0]):
-                work.v_near[i] = v[i] if attempt == 1 else work.size[i] * np.sin(1.0 + 0.7 * i)
+                along = v[i] if attempt == 1 else work.size[i] * np.sin(1.0 + 0.7 * i)
+                work.v_near[i] = along if i < moving else 0.0
             eqs.correct_velocity(t, q, work.v_near, eqs.elimination, REDUNDANT_LENGTH, work.change, work.report)
             for i in range(v.shape[0]):
                 work.v_near[i] += work.change[i]

@@ -112,12 +112,13 @@ def recursive_system(system: AnySystem) -> TreeSystem:
 
 def eliminates_implicitly(name: str, system: AnySystem) -> bool:
     """Whether this implicit solver integrates a system with its constraints eliminated: there are many, and forces are
-    smooth; for ``esdirk``, which measures errors of meshes at their nodes, there is no mesh.
+    smooth; for ``esdirk``, which measures errors of meshes at their nodes and of positions alone, there is no mesh and
+    no first-order state.
     """
     meshed = name == "esdirk" and getattr(system, "mesh_length", 0.0) > 0.0
     n, m = max((system.n, system.m), system.model_size)
     many = m > MIN_ELIMINATION_CONSTRAINTS and n > MIN_ELIMINATION_COORDINATES and has_loops(system)
-    smooth = not system.nonsmooth_reason and not meshed
+    smooth = not system.nonsmooth_reason and not meshed and not (name == "esdirk" and system.n_states)
     return name in IMPLICIT_ELIMINATION_SOLVERS and many and smooth and hasattr(system.elimination, "tangent")
 
 
@@ -178,7 +179,8 @@ def describe_refusal(name: str, system: AnySystem) -> str:
                 f"flexible bodies nor first-order states (this model: joint coordinates {system.n_velocities}, "
                 f"constraint equations {system.m}, first-order states {system.n_states}); use 'ida'",
             )
-        return ""
+        needs_matrices = system.n_states and system.m and not eliminates_constraints(name, system)
+        return describe_large_size(name, system) if needs_matrices else ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
         return ""
     if eliminates_constraints(name, system):
@@ -203,14 +205,17 @@ def describe_stiffness(name: str, system: AnySystem) -> str:
     return _refusal(name, f"is explicit, but {system.stiffness_reason}; use {implicit}")
 
 
-def describe_large_size(name: str, system: TreeSystem) -> str:
+def describe_large_size(name: str, system: AnySystem) -> str:
     """Return the refusal of a solver that needs matrices for a system that is too large for them; empty: it is not."""
-    if system.dense is not None and system.n <= size_limit(name):
+    is_tree = isinstance(system, TreeSystem)
+    limit = size_limit(name) if is_tree else MAX_SOLVER_DENSE_COORDINATES
+    if system.n <= limit and not (is_tree and system.dense is None):
         return ""
+    others = "" if name == "ida" else "'ida', or "
     return _refusal(
         name,
-        f"is given {system.n} joint coordinates and {system.m} constraints; allowed: at most {size_limit(name)} "
-        "coordinates; use 'ida', or 'adams' if the model is not stiff",
+        f"is given {system.n} joint coordinates and {system.m} constraints; allowed: at most {limit} "
+        f"coordinates; use {others}'adams' if the model is not stiff",
     )
 
 

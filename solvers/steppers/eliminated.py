@@ -11,7 +11,7 @@ from solvers.compiled.tuple_pointer import pin
 from solvers.energy_account import EnergyScales, update_energy_bound
 from solvers.options import Options
 from solvers.outcome import CODES, OK, Code
-from solvers.positions import position_sizes
+from solvers.positions import count_velocities, position_sizes, set_coordinate_rates
 from solvers.projection.eliminated import (
     CLOSED_RESIDUAL,
     REDUNDANT_LENGTH,
@@ -74,15 +74,15 @@ def find_rate(
     """Rate of the motion, 1/s, which tolerances of rates are made of: by gravity and drives, which is ``known``, or if
     there are none as it starts at (t, q, v) in a run of ``duration`` (s).
     """
+    moving = count_velocities(work.positions, v.shape[0])
     if known > 0.0:
         rate = start_rate(known, duration, work.size, v[:0], v[:0])
     else:
         if not is_closed or evaluate_closed(eqs, t, q, v, True, work, work.qdot, work.a, work.lam) != OK:
             for i in range(work.a.shape[0]):
                 work.a[i] = 0.0
-        rate = start_rate(known, duration, work.size, v, work.a)
-    for i in range(work.coordinate_rates.shape[0]):
-        work.coordinate_rates[i] = RATE_TOLERANCE_RATIO * rate
+        rate = start_rate(known, duration, work.size, v[:moving], work.a)
+    set_coordinate_rates(work.positions, RATE_TOLERANCE_RATIO * rate, work.coordinate_rates)
     return rate
 
 
@@ -171,7 +171,7 @@ class EliminatedFormulation(Formulation):
     @property
     def freedom(self) -> int:
         """In how many ways the constraints let the mechanism move."""
-        return self.system.n - self.rank
+        return self.system.n_velocities - self.rank
 
     def growth(self) -> NDArray[Any]:
         """As :meth:`solvers.steppers.formulation.Formulation.growth`: it is not computed in loops."""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.tuple_pointer import unpin
 from solvers.outcome import NOT_FINITE, OK
-from solvers.positions import Positions, as_motion, as_slope
+from solvers.positions import Positions, as_motion, as_slope, count_velocities
 from solvers.projection.eliminated import (
     CLOSED_RESIDUAL,
     MIN_SPEED_RATIO,
@@ -131,7 +131,8 @@ def factor_tangent(t: float, c: float, problem: Integration) -> bool:
         work.q_factored[i] = work.q[i]
     for i in range(work.v.shape[0]):
         work.v_factored[i], work.a_factored[i] = work.v[i], work.a[i]
-        work.speed[0] = max(work.speed[0], abs(work.v[i]) / work.loops.size[i])
+        if i < count_velocities(work.positions, work.v.shape[0]):
+            work.speed[0] = max(work.speed[0], abs(work.v[i]) / work.loops.size[i])
     for row in range(work.lam.shape[0]):
         work.lam_factored[row] = work.lam[row]
     if not factor_with_springs(problem):
@@ -156,14 +157,22 @@ def factor_tangent(t: float, c: float, problem: Integration) -> bool:
 @kernel
 def measure_inertia(t: float, c: float, problem: Integration) -> None:
     """Factor the tangent at the state that was evaluated last, and set work.inertia by its M."""
-    work, eqs, n = problem.work, problem.eqs, problem.v.shape[0]
+    work, eqs = problem.work, problem.eqs
+    n = count_velocities(work.positions, problem.v.shape[0])
     factor_tangent(t, c, problem)
     work.inertia[0] = 0.0
-    for i in range(n):
-        work.guess[i] = work.loops.size[i] * np.sin(1.0 + i)
+    set_arbitrary_motion(work)
     eqs.multiply_mass_matrix(work.guess, eqs.tangent, work.load)
     for i in range(n):
         work.inertia[0] += work.guess[i] * work.load[i] / n
+
+
+@inlined
+def set_arbitrary_motion(work: Any) -> None:
+    """work.guess (n,) <- a motion of all coordinates, by their units; first-order states are as they are."""
+    moving = count_velocities(work.positions, work.guess.shape[0])
+    for i in range(work.guess.shape[0]):
+        work.guess[i] = work.loops.size[i] * np.sin(1.0 + i) if i < moving else 0.0
 
 
 @kernel
@@ -181,8 +190,7 @@ def factor_with_springs(problem: Integration) -> bool:
 def measure_stiffness(problem: Integration) -> float:
     """Ratio of all forces to inertia forces in a motion, work.guess, that the constraints allow."""
     work, eqs, c, free, held = problem.work, problem.eqs, problem.work.c[0], 0.0, 0.0
-    for i in range(work.guess.shape[0]):
-        work.guess[i] = work.loops.size[i] * np.sin(1.0 + i)
+    set_arbitrary_motion(work)
     remove_normal_part(problem)
     eqs.multiply_mass_matrix(work.guess, eqs.tangent, work.load)
     for i in range(work.load.shape[0]):
@@ -267,6 +275,6 @@ def is_on_branch(y: Reals, problem: Integration) -> bool:
     """Whether closing the unknowns y (N,) has left the velocities as they were: on another branch they would differ."""
     work, nq, size = problem.work, problem.q.shape[0], problem.work.loops.size
     changed, speed = 0.0, MIN_SPEED_RATIO * problem.settings[0].rate
-    for i in range(work.v.shape[0]):
+    for i in range(count_velocities(work.positions, work.v.shape[0])):
         changed, speed = max(changed, abs(work.v[i] - y[nq + i]) / size[i]), max(speed, abs(work.v[i]) / size[i])
     return changed <= MAX_TURN * speed

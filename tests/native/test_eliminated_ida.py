@@ -16,6 +16,7 @@ import pytest
 from binding import DISCARD, OK, Binary, Instance, export_for_one_run
 from exchange_models import many_loops
 from importer import importing
+from towers import tower
 
 import solvers.steppers
 from mbfmu.fmi import export
@@ -43,6 +44,7 @@ def with_angles(case: Any) -> Mechanism:
 CASES: dict[str, Callable[[], Mechanism]] = {
     "row": lambda: with_angles(loops.n_four_bar(40)),  # with matrices; all loops are singular at once at 0.7 s
     "ladder": lambda: with_angles(loops.ladder(35)),
+    "controlled tower": lambda: tower(19),
     "row with a torque": lambda: many_loops(31, torque=True),
 }
 pytestmark = pytest.mark.skipif(
@@ -85,7 +87,7 @@ def follow(fmu: Instance, simulation: Simulation, first: int, last: int) -> None
 def test_outputs_are_those_of_a_simulation(name: str, opened: Opened) -> None:
     simulation = Simulation(CASES[name](), IDA)
     assert family_of(simulation) == "eliminated_ida"
-    follow(begun(opened(name)), simulation, 0, 15)
+    follow(begun(opened(name)), simulation, 0, 2 if name == "controlled tower" else 15)
 
 
 def test_an_input_that_changes_restarts_the_history_as_in_python(opened: Opened) -> None:

@@ -13,6 +13,7 @@ import pytest
 from exchange_models import many_loops
 from mechanisms import ladder, n_four_bar
 from running import Running, adopt, follow, needs_linker, pair
+from towers import tower
 
 from mbfmu.mechanics import Beam, Mechanism, PlaneCutJoint, Revolute, rod
 from mbfmu.modeling import Model, parameter
@@ -48,6 +49,7 @@ MODELS: dict[str, tuple[Callable[[], Mechanism], float]] = {
     "row of columns on the ground": (lambda: n_four_bar(40, grounded=True).mechanism, 0.2),
     "row that misses a singular configuration": (lambda: n_four_bar(31, longer={1: 1e-3}).mechanism, 0.2),
     "ladder": (lambda: ladder(35).mechanism, 0.05),
+    "controlled tower": (lambda: tower(19), 0.05),
     "elastic beams": (lambda: held_beams(20), 0.01),
     "elastic beams, more than are closed by matrices": (lambda: held_beams(30), 0.01),
     "driven row": (lambda: many_loops(32), 0.02),

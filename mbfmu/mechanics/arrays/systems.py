@@ -21,7 +21,6 @@ from mbfmu.util.errors import UserError
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.positions import Positions, place_states
 from solvers.system import (
-    MAX_SOLVER_DENSE_COORDINATES,
     AnySystem,
     Array,
     ComplexStepSystem,
@@ -97,12 +96,6 @@ class Systems:
             raise UserError(
                 "the mechanism has joint friction with a Reaction as the normal force and flexible bodies; allowed: "
                 "rigid bodies. Give normal_force as a number, a signal or a law"
-            )
-        if numbering.states and mechanism.constraints and numbering.nv > MAX_SOLVER_DENSE_COORDINATES:
-            raise UserError(
-                f"the mechanism has state {numbering.states[0][0]!r}, constraints, and {numbering.nv} coordinates and "
-                f"states; allowed with first-order states and constraints: at most {MAX_SOLVER_DENSE_COORDINATES}. Use "
-                "fewer bodies"
             )
 
     def with_locked_joints(
@@ -281,11 +274,13 @@ class Systems:
         }
 
     def _elimination(self) -> Elimination | Callable[[], EliminationEquations] | None:
-        """Return what eliminates constraints along the tree; None if there are none, or first-order states.
+        """Return what eliminates constraints along the tree; None if there are none, or if matrices are required.
 
         With flexible bodies there is no structured tangent, which implicit solvers require.
         """
-        if not self._mechanism.constraints or self._numbering.states or self._nonholonomic.any():
+        numbering = self._numbering
+        needs_matrices = self._nonholonomic.any() or numbering.bearings or numbering.nv == len(numbering.states)
+        if not self._mechanism.constraints or needs_matrices:
             return None
         return Elimination(self._eliminate, self.tangent) if self._has_tangent else self._eliminate
 

@@ -113,7 +113,9 @@ def find_closed_velocities(
         eqs.correct_velocity(t, q, v, eqs.elimination, REDUNDANT_LENGTH, change, report)
         for i in range(size.shape[0]):
             v[i] += change[i]
-    allowed = VELOCITY_RESIDUAL_TOLERANCE * largest_change(v, size) + DRIVE_RATE_TOLERANCE * rate
+    moving = size.shape[0] - eqs.elimination.arrays.world[0].states
+    speed = largest_change(v[:moving], size[:moving])
+    allowed = VELOCITY_RESIDUAL_TOLERANCE * speed + DRIVE_RATE_TOLERANCE * rate
     return max(report[DROPPED_RESIDUAL], largest_change(change, size)) <= allowed
 
 

@@ -125,7 +125,14 @@ def store_front(front: FrontRecord, n: int, memory: EliminationMemory) -> None:
 def recover(
     mode: int, arrays: Arrays, state: State, own: EliminationArrays, memory: EliminationMemory, x: Reals
 ) -> None:
-    """x (n,), the accelerations or the changes of the coordinates, after :func:`eliminate`."""
+    """x (n,), the accelerations or the changes of the coordinates, after :func:`eliminate`.
+
+    The accelerations of first-order states are their rates; corrections do not change states.
+    """
+    states = arrays.world[0].states
+    for k in range(states):
+        rate = state.Q[state.Q.shape[0] - states + k] if mode == ACCELERATION else 0.0
+        x[x.shape[0] - states + k] = rate
     for k in range(own.fronts.shape[0] - 1, -1, -1):
         front = own.fronts[k]
         gather_interface(front, own, memory)

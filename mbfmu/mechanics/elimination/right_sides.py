@@ -52,6 +52,8 @@ def solve_motion(
             state.a[body.vi + k], state.D[body.vi + k, RHS_COLUMN] = 0.0, 0.0
             if body.vf >= 0:
                 state.Q[body.vi + k] = -forces[body.vf + k]
+    for k in range(1, arrays.world[0].states + 1):
+        state.Q[state.Q.shape[0] - k] = -forces[forces.shape[0] - k]
     for e in range(own.equations.shape[0]):
         equation = own.equations[e]
         if equation.coupling >= 0:

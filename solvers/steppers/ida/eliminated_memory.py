@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
-from solvers.energy_account import ENERGY_ACCOUNT, set_uniform_scales
+from solvers.energy_account import ENERGY_ACCOUNT, set_state_scales, set_uniform_scales
+from solvers.positions import count_velocities
 from solvers.system import Array
 
 from .calls import IDAHandle
@@ -93,7 +94,9 @@ def set_tolerances(problem: Integration) -> None:
     nq, n, rate = problem.q.shape[0], problem.v.shape[0], settings.rate
     for i in range(nq):
         atol[i] = settings.atol * problem.work.loops.size_q[i]
+    moving = count_velocities(problem.work.positions, n)
     for i in range(n):
-        atol[nq + i] = settings.atol * (rate * size[i])
+        atol[nq + i] = settings.atol * ((rate if i < moving else 1.0) * size[i])
     set_uniform_scales(problem.scales, settings.motion_rtol, settings.motion_atol, size, rate, 1)
+    set_state_scales(problem.scales, settings.motion_atol, size, problem.work.positions.states)
     problem.memory.progress[0].min_step = STANDSTILL_RATIO / rate
