@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 import mbfmu as mb
 from mbfmu.testing import check_element
@@ -203,9 +204,63 @@ def test_steady_state_without_friction_force_and_its_bristle() -> None:
     assert abs(zero) < 1e-9
     assert pair == pytest.approx(complex(-0.7 * w, np.sqrt(1.0 - 0.49) * w), rel=1e-4)
     assert found.state_space.A[2] == pytest.approx([0.0, 1e5, 0.0])
-    m, _ = block(0.3 * MU * MASS * G)
-    with pytest.raises(EquilibriumError, match="friction does not hold"):
+    m, _ = block(1.01 * MU * MASS * G)
+    with pytest.raises(EquilibriumError, match="friction cannot hold the start"):
         mb.equilibrium(m)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("part", [0.3, -0.99])
+def test_steady_state_that_friction_holds(part: float, size: float) -> None:
+    """z = load / (mu N), and the block has moved by the deflection d z; the linear model is that of the bristle."""
+    m, _ = block(part * MU * MASS * G * size, size, deflection=1e-5 * size)
+    found = mb.equilibrium(m)
+    assert found.states()["friction.bristle"] == pytest.approx(part, rel=1e-9)
+    assert found.outputs == {
+        "x": pytest.approx(1e-5 * size * part),
+        "friction": pytest.approx(-part * MU * MASS * G * size),
+    }
+    assert "friction holds the start position (state 'friction.bristle')" in str(found.diagnostics[0])
+    if part == 0.3:
+        pair = max((mode.eigenvalue for mode in found.modes), key=abs)
+        assert abs(pair) == pytest.approx(np.sqrt(MU * G / 1e-5), rel=1e-6)
+
+
+def test_steady_state_that_friction_of_a_ball_joint_holds() -> None:
+    m = mb.Mechanism()
+    turned = Rotation.from_rotvec([0.3, -0.2, 0.5])
+    start = tuple(turned.as_quat(scalar_first=True))
+    ball = m.body("ball", m.ground, mb.Spherical(start=start), inertia=(0.2, 0.2, 0.2))
+    friction = m.force("friction", mb.SphericalFriction(coulomb=1.5), ball)
+    m.force("torque", mb.Torque(magnitude=1.2, axis="y"), ball)
+    for k in range(3):
+        m.output(f"moment.{k}", friction.effort(k))
+    found = mb.equilibrium(m)
+    expected = turned.inv().apply([0.0, -1.2, 0.0])  # in the axes of the ball, which turns by the deflection
+    assert [*found.outputs.values()] == pytest.approx(expected, abs=1.2e-5)
+    assert "friction holds the start position (state 'friction.bristle.x' and 2 more)" in str(found.diagnostics[0])
+    assert found.stability == "neutral"
+
+
+@pytest.mark.parametrize("speed", [8.0, -8.0])
+def test_friction_of_a_joint_that_a_drive_turns_through_a_gear(speed: float) -> None:
+    """It slides in the steady state: torque of the drive (T + k w / 2) / 2 at the ratio 2."""
+    m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+    drive = mb.RunUp(speed=speed, duration=0.5)
+    motor = m.body("motor", m.ground, mb.Revolute(axis="y", drive=drive), inertia=(0.1, 0.1, 0.1))
+    spindle = m.body("spindle", m.ground, mb.Revolute(axis="y", at=(1.0, 0.0, 0.0)), inertia=(0.1, 0.1, 0.1))
+    m.couple("gear", mb.Gear(ratio=2.0), motor, spindle)
+    arm = m.body("arm", spindle, mb.Revolute(axis="z", start=-1.0), mass=1.0, com=(0.25, 0.0, 0.0))
+    friction = m.force("bearing", mb.JointFriction(coulomb=0.3, viscous=0.01), spindle)
+    m.force("damper", mb.JointDamper(damping=0.2), arm)
+    m.output("friction", friction.effort())
+    m.output("torque", motor.effort())
+    sign = np.sign(speed)
+    found = mb.equilibrium(m)
+    assert found.outputs == {"friction": pytest.approx(-0.34 * sign), "torque": pytest.approx(0.17 * sign)}
+    assert found.states()["bearing.bristle"] == pytest.approx(sign)
+    assert not [note for note in found.diagnostics if "keeps its start value" in note.text]
+    assert found.stability == "stable"
 
 
 def test_damping_refers_to_the_inertia_that_the_loop_lets_move() -> None:

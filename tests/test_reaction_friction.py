@@ -286,8 +286,10 @@ def test_steady_state_and_linear_model() -> None:
     pair = max((mode.eigenvalue for mode in found.modes), key=abs)
     assert abs(pair) == pytest.approx(w, rel=1e-4)
     assert -pair.real / abs(pair) == pytest.approx(0.7, rel=1e-3)
-    with pytest.raises(EquilibriumError, match="friction does not hold"):
-        mb.equilibrium(block(0.1))
+    with pytest.raises(EquilibriumError, match="friction cannot hold the start"):
+        mb.equilibrium(block(1.01 * np.arctan(MU)))
+    held = mb.equilibrium(block(0.1))
+    assert held.states()["friction.bristle"] == pytest.approx(np.tan(0.1) / MU, rel=1e-9)
 
 
 def test_reactions_that_are_not_determined_end_the_run_with_a_message() -> None:

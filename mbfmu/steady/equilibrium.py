@@ -71,7 +71,7 @@ def find_states(problem: EquilibriumProblem) -> list[Equilibrium]:
     found: list[Equilibrium] = []
     failure: UserError | None = None
     try:
-        found.append(problem.solve(problem.start()))
+        found.append(problem.solve(problem.start(), stick=True))
     except UserError as error:
         failure = error
     for begin in problem.supports.beginnings():
@@ -138,7 +138,7 @@ def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = No
     """
     problem = build_problem(model)
     if start:
-        return problem.solve(problem.start(start), "the start given")
+        return problem.solve(problem.start(start), "the start given", stick=True)
     return find_state(problem)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism
@@ -25,13 +27,14 @@ SLIDING_TEXT = (
 )
 
 
-def describe_held_states(compiled: CompiledMechanism) -> tuple[Diagnostic, ...]:
-    """Return a note if first-order states keep their start values, as the bristles of joints with friction."""
-    system = compiled.system
-    states = system.coordinate_names[system.n_velocities :]
-    names = [name for name, held in zip(states, system.held_states, strict=True) if held]
+def describe_held_states(names: Sequence[str], *, sticks: bool) -> tuple[Diagnostic, ...]:
+    """Return a note on the states of frictions without slip: they keep their start values, or stick."""
     if not names:
         return ()
+    if sticks:
+        states = f"{names[0]!r}{f' and {len(names) - 1} more' if len(names) > 1 else ''}"
+        text = f"friction holds the start position (state {states}), and could hold positions nearby, too"
+        return (Diagnostic.note("steady-state", text),)
     subject = f"{names[0]!r} keeps its start value"
     if len(names) > 1:
         subject = f"{names[0]!r} and {len(names) - 1} more keep their start values"
@@ -60,7 +63,9 @@ def describe_mesh(compiled: CompiledMechanism, q: Array) -> tuple[Diagnostic, ..
     return (Diagnostic.parse(compiled.describe_limit(0.0, q), "warning", "coarse-mesh"),)
 
 
-def describe_failure(what: str, compiled: CompiledMechanism, solution: Solution, pushed: str) -> str:
+def describe_failure(
+    what: str, compiled: CompiledMechanism, solution: Solution, pushed: str, held: Sequence[str]
+) -> str:
     """Return why a search ended without a steady state.
 
     Parameters
@@ -73,6 +78,8 @@ def describe_failure(what: str, compiled: CompiledMechanism, solution: Solution,
         Where the search ended.
     pushed
         The motion on which loads act at the start without resistance; empty: there is none.
+    held
+        Names of first-order states that keep their start values.
     """
     system, worst = compiled.system, int(np.argmax(np.abs(solution.forces)))
     gap = compiled.length * float(np.abs(solution.gaps / system.row_size).max(initial=0.0))
@@ -81,8 +88,8 @@ def describe_failure(what: str, compiled: CompiledMechanism, solution: Solution,
             f"{what}: at the start nothing resists {pushed}, on which the loads act; add a support, or try another "
             "start (--from)"
         )
-    if any(system.held_states):
-        advice = "friction does not hold anything in these states: run the model until it stops"
+    if held:
+        advice = "friction cannot hold the start: run the model until it stops"
     else:
         advice = SLIDING_TEXT if system.nonsmooth_reason else "try another start (--from)"
     return (

@@ -13,7 +13,7 @@ closed loops that stay closed.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
 from solvers.statics.spectrum import Stability
-from solvers.statics.states import with_states_as_positions
+from solvers.statics.states import can_hold, hold_states, let_stick, with_states_as_positions
 from solvers.statics.tree import TreeEquilibriumSolver
 from solvers.system import Array
 
@@ -69,6 +69,7 @@ class EquilibriumProblem:
         self._start = self.start()
         self._v, self._cyclic = np.zeros(compiled.system.n), np.zeros(compiled.system.n, bool)
         self._z = compiled.assembly.start_velocities()[compiled.system.n_velocities :]
+        self._held: Sequence[str] = ()  # names of first-order states that keep their start values
         self._lay_out()
         if not compiled.system.has_matrices:
             data = compiled.data
@@ -82,8 +83,9 @@ class EquilibriumProblem:
             general = compiled.assembly.nearby(0.0, self._start)
             self._cyclic = self._find_cyclic(general)
             self._v = self._steady_velocities()
-            extended, at = with_states_as_positions(self._complex, 0.0, general, self._z)
-            self._solver = DenseEquilibriumSolver(extended, 0.0, at, self._v)
+            self._extended, at = with_states_as_positions(self._complex, 0.0, general, self._z)
+            self._hold_states()
+            self._solver = DenseEquilibriumSolver(self._extended, 0.0, at, self._v)
             self._solver.run_trial(self._with_states(self._start))
             supports.add_complex_copy(data.arrays, compiled.signals(data))
         self.signals = compiled.signals(data)
@@ -120,9 +122,7 @@ class EquilibriumProblem:
             place, k = compiled.inputs.places(self._complex.data.arrays, self.signals)[index]
             place[k] = value * compiled.inputs.scale(index)
         self._full_speeds = compiled.drives.full_speeds()
-        if self._cyclic.any():
-            self._v = self._steady_velocities()
-            self._solver.set_velocities(self._v)
+        self._set_velocities()
 
     def linearized(self) -> Linearized:
         """Return the equations as paths take them, with the inputs as they are at any time."""
@@ -198,8 +198,11 @@ class EquilibriumProblem:
         lam: Array | None = None,
         *,
         pseudo_transient: bool = False,
+        stick: bool = False,
     ) -> Equilibrium:
-        """Find a steady state from closed positions q (nq,); ``pseudo_transient`` leaves out trying Newton alone.
+        """Find a steady state from closed positions q (nq,).
+
+        ``pseudo_transient`` leaves out trying Newton alone, ``stick`` allows a state that friction holds at q.
 
         Raises
         ------
@@ -224,13 +227,31 @@ class EquilibriumProblem:
         if pseudo_transient:
             solution = self._solver.solve(0.0, q, pseudo_transient=True)
             solution = replace(solution, iterations=tried + solution.iterations)
+            if stick and self._held and solution.outcome is not Outcome.FOUND:
+                found = self._held_by_friction(q, begin, found_from)
+                if found is not None:
+                    return found
             found_from += ", by pseudo-transient continuation"
         if solution.outcome is not Outcome.FOUND:
             solution, found_from = self._continue_from_rest(q, solution), "rest, by continuation in the drive speed"
         elapsed = time.perf_counter() - begin
         return self._checked(solution, found_from, elapsed, continued=not alone)
 
-    def _checked(self, solution: Solution, found_from: str, elapsed: float, *, continued: bool) -> Equilibrium:
+    def _held_by_friction(self, q: Array, begin: float, found_from: str) -> Equilibrium | None:
+        """Return the state in which frictions without slip stick at q* = (q, z); None: they cannot hold it."""
+        n, nq = self.compiled.system.n_velocities, self.compiled.system.nq
+        at = self._complex, 0.0, q[:nq], self._v
+        with let_stick(self._extended, *at):
+            solution = self._solver.solve(0.0, q)
+            v = np.concatenate((self._v[:n], solution.q[nq:]))
+            if solution.outcome is not Outcome.FOUND or not can_hold(self._extended, *at[:2], solution.q[:nq], v):
+                return None
+            elapsed = time.perf_counter() - begin
+            return self._checked(solution, found_from, elapsed, continued=True, sticks=True)
+
+    def _checked(
+        self, solution: Solution, found_from: str, elapsed: float, *, continued: bool, sticks: bool = False
+    ) -> Equilibrium:
         """Return what was found, if it is a steady state."""
         check(self.model.name, self.compiled, self._solver, self._v, solution, lasts=self.supports.finishes)
         q, z = np.split(solution.q, [self.compiled.system.nq])
@@ -249,7 +270,7 @@ class EquilibriumProblem:
             found_from=found_from,
             continued=continued,
             diagnostics=(
-                *describe_held_states(self.compiled),
+                *describe_held_states(self._held, sticks=sticks),
                 *describe_samples(self.compiled),
                 *describe_dropped_rates(self.compiled, self._v),
                 *self.compiled.coincident(0.0, q),
@@ -277,9 +298,22 @@ class EquilibriumProblem:
     def _set_speed(self, part: float) -> None:
         """Let every drive run at ``part`` of its speed."""
         self.compiled.drives.run_at(part * self._full_speeds, self.signals)
+        self._set_velocities()
+
+    def _set_velocities(self) -> None:
+        """Take the velocities of the steady motion for the speeds of the drives."""
         if self._cyclic.any():
             self._v = self._steady_velocities()
             self._solver.set_velocities(self._v)
+        self._hold_states()
+
+    def _hold_states(self) -> None:
+        """Let the bristles of frictions without slip keep their start values."""
+        system = self.compiled.system
+        if system.n_states and system.has_matrices:
+            hold_states(self._extended, self._complex, 0.0, self._start, self._v)
+            states = zip(system.coordinate_names[system.n_velocities :], self._extended.data.is_held, strict=True)
+            self._held = [name for name, is_held in states if is_held]
 
     def _continue_from_rest(self, q: Array, failed: Solution) -> Solution:
         """Follow the steady state from rest to full speed."""
@@ -319,7 +353,7 @@ class EquilibriumProblem:
         if solution.outcome is not Outcome.NOT_FINITE and not self.compiled.system.has_matrices:
             forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.compiled.system.m))
             pushed = describe_pushed(self.compiled, self._start, forces, STEADY_TOLERANCE)
-        return describe_failure(f"{what} for {self.model.name!r}", self.compiled, solution, pushed)
+        return describe_failure(f"{what} for {self.model.name!r}", self.compiled, solution, pushed, self._held)
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one

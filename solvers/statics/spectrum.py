@@ -27,6 +27,7 @@ from .matrices import MACHINE_EPSILON, Matrices, is_symmetric, is_undamped
 
 # what is left of a motion, relative, when those before it are taken away, below which it is not independent
 MIN_INDEPENDENT_PART = 1e-6
+UNCERTAIN_PART = 0.1  # of a step that improves an eigenvalue of a motion with first-order states
 MAX_IMPROVEMENT_RATIO = 1e-3  # longest step that improves an eigenvalue, relative to the fastest one
 
 
@@ -214,6 +215,8 @@ def improve_eigenvalues(
         slope = abs(2.0 * a[k] * s + b[k])
         bound = slope + np.sqrt(slope**2 + 4.0 * abs(a[k]) * error)
         doubts[k] = 2.0 * error / bound if bound else (np.inf if error else 0.0)
+        if matrices.n_states and abs(step) <= MAX_IMPROVEMENT_RATIO * fastest:  # x contains the value before the step
+            doubts[k] = max(doubts[k], UNCERTAIN_PART * abs(step))
         found[k] = complex(s.real, s.imag if abs(s.imag) > doubts[k] else 0.0)
         if size <= doubts[k]:
             found[k] = 0.0

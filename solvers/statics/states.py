@@ -5,11 +5,15 @@ which the states are positions too: q* = (q, z). Their equations are -w g = 0, w
 as forces, so that one norm and one threshold of pivots serve for all rows: w = E / (nominal value)^2 / rate, where E is
 the energy of the mechanism that moves by its own units at its rate.
 
-Of a state that is held at rest g is zero for every z. Its equation is w rate (z - z0) = 0 with its start value z0.
+Of the bristle of a friction without slip g is zero for every z. Its equation is w rate (z - z0) = 0 with its start
+value z0, see :func:`hold_states`; or w rate (z - z0 - G (q - q0)) = 0 with G = dg/dv, if the friction sticks at its
+start position q0 as an elastic bristle, see :func:`let_stick`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -17,8 +21,11 @@ import numpy as np
 
 from solvers.compiled.kernel import COMPILED, callback, types
 from solvers.compiled.tuple_pointer import pointer_type
-from solvers.positions import Positions
+from solvers.positions import Positions, as_motion
+from solvers.projection.products import PRODUCT_STEP_SIZE
 from solvers.system import Array, System, Terms
+
+MAX_RESTING_RATE = 1e-6  # of a state that is held, in its nominal value and the rate of the mechanism
 
 
 class StateEquations(NamedTuple):
@@ -31,7 +38,13 @@ class StateEquations(NamedTuple):
     weights: Array  # (k,) w
     rate: Array  # (1,) 1/s
     is_held: Array  # (k,) 1: the state keeps its start value
-    start: Array  # (k,)
+    start: Array  # (k,) z0
+    sticks: Array  # (1,) 1: as they stick at the start position
+    start_position: Any  # (nq,) complex, q0
+    gradient: Array  # (k, n) G
+    change: Any  # (nq,) complex: q - q0
+    motion: Any  # (n,) complex: the same as a motion
+    layout: Positions
 
 
 def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
@@ -42,9 +55,16 @@ def dynamics(t: float, q: Any, v: Any, data: Any, terms: Any) -> None:
     for i in range(k):
         data.v[n - k + i] = v[n - k + i] + q[q.shape[0] - k + i]
     data.dynamics(t, q, data.v, data.data, terms)
+    if data.sticks[0] == 1.0:
+        for i in range(data.change.shape[0]):
+            data.change[i] = q[i] - data.start_position[i]
+        as_motion(data.start_position, data.change, data.layout, data.motion)
     for i in range(k):
         if data.is_held[i] == 1.0:
-            terms.h[n - k + i] = data.rate[0] * (data.v[n - k + i] - data.start[i])
+            resting = data.v[n - k + i] - data.start[i]
+            for j in range(n - k):
+                resting -= data.gradient[i, j] * data.motion[j]
+            terms.h[n - k + i] = data.rate[0] * resting
         terms.h[n - k + i] *= data.weights[i]
         terms.M[n - k + i, n - k + i] = data.weights[i] / data.rate[0]
 
@@ -72,10 +92,11 @@ def with_states_as_positions(system: System, t: float, q: Array, z: Array) -> tu
     inertia = np.abs(terms.M.real[:moving, :moving] * np.outer(system.size[:moving], system.size[:moving]))
     rate = system.rate or 1.0
     weights = (float(inertia.max(initial=0.0)) or 1.0) * rate / system.size[moving:] ** 2
-    is_held = np.array(system.held_states or [False] * k, float)
     data = StateEquations(
-        system.dynamics, system.retract, system.pinned_data, v.copy(), weights, np.array([rate]), is_held, z.copy()
-    )
+        system.dynamics, system.retract, system.pinned_data, v.copy(), weights, np.array([rate]), np.zeros(k), z.copy(),
+        np.zeros(1), np.zeros(system.nq, complex), np.zeros((k, system.n)), np.zeros(system.nq, complex),
+        np.zeros(system.n, complex), system.placed,
+    )  # fmt: skip
     evaluate, change = _callbacks(data)
     placed = system.placed
     positions = Positions(
@@ -88,6 +109,62 @@ def with_states_as_positions(system: System, t: float, q: Array, z: Array) -> tu
         system, nq=system.nq + k, n_states=0, positions=positions, data=data, dynamics=evaluate, retract=change
     )
     return extended, np.concatenate((q, z))
+
+
+def hold_states(extended: System, system: System, t: float, q: Array, v: Array) -> None:
+    """Let the states keep their start values that do not change in the steady motion: of ``system.held_states`` those
+    with g = 0 at z = 0.
+
+    Parameters
+    ----------
+    extended, system
+        The system of :func:`with_states_as_positions`, and the one it was made of.
+    t, q, v
+        Time, positions (nq,) and velocities (n,) of the steady motion.
+    """
+    at = v.astype(complex)
+    at[system.n_velocities :] = 0.0
+    change = np.abs(rates_of_states(system, t, q, at).real) / system.size[system.n_velocities :]
+    extended.data.is_held[:] = system.held_states & (change <= MAX_RESTING_RATE * (system.rate or 1.0))
+
+
+@contextmanager
+def let_stick(extended: System, system: System, t: float, q: Array, v: Array) -> Iterator[None]:
+    """Let the frictions whose states are held stick at positions q (nq,), with the arguments of :func:`hold_states`."""
+    data, at = extended.data, v.astype(complex)
+    at[system.n_velocities :] = 0.0
+    for j in range(system.n_velocities):
+        at[j] += PRODUCT_STEP_SIZE * 1j
+        data.gradient[:, j] = rates_of_states(system, t, q, at).imag / PRODUCT_STEP_SIZE
+        at[j] = v[j]
+    data.start_position[:] = q
+    data.sticks[0] = 1.0
+    try:
+        yield
+    finally:
+        data.sticks[0] = 0.0
+        data.motion[:] = 0.0
+
+
+def can_hold(extended: System, system: System, t: float, q: Array, v: Array) -> bool:
+    """Whether the frictions that stick can hold the forces in their states: those, at the end of v (n,), do not
+    decrease if the bodies slip further in the direction of the deflections.
+    """
+    data, z = extended.data, v[system.n_velocities :]
+    further = (data.is_held * z) @ data.gradient
+    size = float(np.abs(further / system.size).max(initial=0.0))
+    if size == 0.0:
+        return True
+    slow = MAX_RESTING_RATE * (system.rate or 1.0) / size * further
+    change = rates_of_states(system, t, q, (v + slow).astype(complex)).real * z * data.is_held
+    return bool(np.all(change >= -MAX_RESTING_RATE * np.abs(data.gradient @ slow)))
+
+
+def rates_of_states(system: System, t: float, q: Array, v: Any) -> Any:
+    """Return g (k,) of a complex system."""
+    terms = system.allocate_terms(complex)
+    system.fill(t, q.astype(complex), v, terms)
+    return -terms.h[system.n_velocities :]
 
 
 def _callbacks(data: StateEquations) -> tuple[Any, Any]:

@@ -233,12 +233,8 @@ def states_of(mechanism: Mechanism) -> Iterator[tuple[str, FirstOrderState]]:
 
 
 def held_states(mechanism: Mechanism) -> list[bool]:
-    """Return of each first-order state whether steady states keep its start value: a drive lets no joint rest."""
-    return [
-        state.is_held_at_rest and acting.bodies[0].joint.drive is None
-        for acting in mechanism.loads()
-        for state in acting.load.states
-    ]
+    """Return of each first-order state whether steady states without slip keep its start value."""
+    return [state.is_held_at_rest for acting in mechanism.loads() for state in acting.load.states]
 
 
 def first_states(mechanism: Mechanism, first: int) -> list[int]:
