@@ -207,9 +207,10 @@ def describe_stiffness(name: str, system: AnySystem) -> str:
 
 def describe_large_size(name: str, system: AnySystem) -> str:
     """Return the refusal of a solver that needs matrices for a system that is too large for them; empty: it is not."""
-    is_tree = isinstance(system, TreeSystem)
-    limit = size_limit(name) if is_tree else MAX_SOLVER_DENSE_COORDINATES
-    if system.n <= limit and not (is_tree and system.dense is None):
+    limit, has_matrices = MAX_SOLVER_DENSE_COORDINATES, True
+    if isinstance(system, TreeSystem):
+        limit, has_matrices = size_limit(name), system.dense is not None
+    if has_matrices and system.n <= limit:
         return ""
     others = "" if name == "ida" else "'ida', or "
     return _refusal(
