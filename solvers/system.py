@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -372,6 +372,8 @@ class TreeSystem(AnySystem):
     mobility: Callable[[Array, Any, Array], None]  # (r, data, x): x = M^-1 r where forward was called for last
     constraints: Callable[[float, Array, Array, Any, Terms], None]  # (t, q, v, data, terms): Phi, J, nu and gamma
     make_tangent: Callable[[], Tangent]
+    # (): in place of the tangent for solvers that factor none; None: the tangent
+    make_missing_tangent: Callable[[], Tangent] | None = None
     positions: Positions
     dense: Callable[[], System] | None = None  # (): the same mechanism with its matrices
     complex_step: Callable[[], ComplexStepSystem] | None = None  # (): the same on complex numbers
@@ -389,6 +391,10 @@ class TreeSystem(AnySystem):
     def tangent(self) -> Tangent:
         """The linearized equations, which only solvers need."""
         return self.make_tangent()
+
+    def without_tangent(self) -> TreeSystem:
+        """Return the system for explicit solvers: the tangent is not made, which may be refused for its size."""
+        return self if self.make_missing_tangent is None else replace(self, make_tangent=self.make_missing_tangent)
 
     @cached_property
     def equations(self) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mbfmu.mechanics import Body, CompiledMechanism, Mechanism, Polynomial, Revolute, Spring, rod
+from mbfmu.mechanics import Body, JointFriction, Mechanism, Polynomial, Revolute, Spring, rod
 from mbfmu.mechanics.arrays import systems
 from mbfmu.mechanics.tangent import find_groups
 from mbfmu.mechanics.tangent.groups import MAX_BLOCK_BODIES
@@ -185,11 +185,25 @@ def test_what_is_driven_alone_runs_under_every_solver(solver: str) -> None:
     np.testing.assert_allclose(result["angle"], (0.0, 1.0, 2.0), atol=1e-14)
 
 
-def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(systems, "MAX_GROUP_BODIES", 50)
+def everything_tied() -> Mechanism:
+    """Chains of links, each tied to the first one."""
     m = Mechanism()
     hang(m, m.ground, 100, 0.0, "link")
     for k in range(2, 100):
         m.force(f"spring{k}", Spring(stiffness=1.0), m.bodies[1], m.bodies[k])
+    return m
+
+
+def test_what_ties_everything_to_everything_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(systems, "MAX_GROUP_BODIES", 50)
     with pytest.raises(UserError, match=r"joints, forces and elements connect 9\d bodies, 'link98' among them"):
-        CompiledMechanism(m)
+        Simulation(everything_tied(), Settings(solver="ida"))
+
+
+@pytest.mark.parametrize("states", [False, True])
+def test_explicit_solvers_do_not_solve_everything_at_once(states: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(systems, "MAX_GROUP_BODIES", 50)
+    m = everything_tied()
+    if states:
+        m.force("friction", JointFriction(coulomb=1.0, deflection=0.1), m.bodies[1])
+    assert Simulation(m, Settings(solver="adams")).advance(1e-3).ok

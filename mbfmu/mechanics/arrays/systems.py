@@ -162,17 +162,19 @@ class Systems:
             **self._common([], self._elements.data),
             **_tree_equations(),
             make_tangent=self.tangent if self._has_tangent else MissingTangent,
+            make_missing_tangent=MissingTangent,
             complex_step=self._complex_step,
             mesh_mask=np.zeros(self._numbering.nv, bool),
         )
 
     def _tree(self, constraint_names: list[str]) -> TreeSystem:
         """Return the system of a large tree."""
-        data, groups = self._elements.data, self._groups()
+        data = self._elements.data
         return TreeSystem(
             **self._common(constraint_names, data),
             **_tree_equations(),
-            make_tangent=lambda: self.tangent(groups),
+            make_tangent=self.tangent,
+            make_missing_tangent=MissingTangent,
             dense=lambda: self.dense(constraint_names, data),
             complex_step=self._complex_step,
             mesh_mask=self._find_mesh_mask(),
@@ -312,7 +314,8 @@ class Systems:
             raise UserError(
                 f"joints, forces and elements connect {len(members)} bodies, "
                 f"{self._mechanism.bodies[members[-1]].name!r} among them, so that they must be solved at once; "
-                f"allowed: {MAX_GROUP_BODIES}; connect bodies that are near each other in the tree"
+                f"allowed: {MAX_GROUP_BODIES}; connect bodies that are near each other in the tree, or use 'adams' if "
+                "the model is not stiff"
             )
         return groups
 

@@ -24,6 +24,7 @@ class TreeAdamsStepper(LoopStepper):
     loop: ClassVar = tree_loop
 
     def __init__(self, system: TreeSystem, t0: float, q0: Array, v0: Array, options: Options | None = None) -> None:
+        system = system.without_tangent()
         super().__init__(system, t0, q0, v0, options)
         settings = records(1, tree_loop.SETTINGS)
         set_options(self.options.record(), settings)
