@@ -47,25 +47,6 @@ def test_times_and_heights_of_a_ball(solver, tolerance: float):
     assert not result.failed
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.9])
-def test_a_ball_that_comes_to_rest_ends_the_run(restitution: float):
-    """Closed form: after the first bounce all flights together take 2 t e / (1 - e), t is the time of the fall."""
-    result = mb.simulate(ball(restitution), 20.0, interval=1.0, solver="adams", tolerance=1e-7)
-    assert "resting-bounce" in result.failure
-    assert "'floor' comes to rest" in result.failure
-    fall = np.sqrt(2.0 / G)
-    at = fall * (1.0 + 2.0 * restitution / (1.0 - restitution))
-    assert times(result, "floor")[-1] == pytest.approx(at, abs=1e-6 * 20.0 / (1.0 - restitution))
-    assert abs(result["height"]).max() <= 1.0
-    assert len(result.events) <= 200
-
-
-def test_a_ball_that_starts_on_the_floor_is_at_rest_there():
-    result = mb.simulate(ball(0.5, start=0.0), 1.0, solver="adams", tolerance=1e-7)
-    assert "resting-bounce" in result.failure
-    assert result.events[-1].time <= 1e-5
-
-
 def test_a_ball_that_is_thrown_from_the_floor_bounces():
     """Closed form: it lands after 2 v / g."""
     result = mb.simulate(ball(1.0, start=0.0, rate=1.0), 1.0, solver="adams", tolerance=1e-8)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from mbfmu.mechanics.sensors import Sensor
+from mbfmu.mechanics.joints import Section
+from mbfmu.mechanics.sensors import Coordinate, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.bodies import Body
@@ -94,6 +95,10 @@ class Bounce:
     do not change. The impulses of all stops that are hit at one time are determined together and push only, before
     other actions.
 
+    A sensor that is the coordinate of a joint with one coordinate comes to rest at the stop: when the rest of its
+    bounces is not resolved by the tolerance, or the restitution is 0, the joint is locked (as by :class:`Lock`). It is
+    released when the force of the stop would pull.
+
     Parameters
     ----------
     restitution
@@ -181,3 +186,15 @@ class Event:
     def bounce(self) -> Bounce | None:
         """The action at which its value is a stop; None: it has none."""
         return next((action for action in self.actions if isinstance(action, Bounce)), None)
+
+    @property
+    def holding_joint(self) -> int | None:
+        """Number of the body whose joint, if it is locked, holds the sensor at its stop; None: there is none.
+
+        The sensor is the coordinate of a joint with one coordinate, which is not driven.
+        """
+        if self.bounce is None or not isinstance(self.sensor, Coordinate):
+            return None
+        joint = self.sensor.item.joint
+        is_lockable = joint.nv == 1 and joint.drive is None and not isinstance(joint, Section)
+        return int(self.sensor.item.index) if is_lockable else None

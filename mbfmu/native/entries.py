@@ -23,7 +23,7 @@ from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.active_loads import discard_lists
 from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
-from mbfmu.session.events import search_memory
+from mbfmu.session.event_search import search_memory
 from mbfmu.session.kernels.event_points import EventSearch
 from mbfmu.session.kernels.points import Session, begin_session
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of

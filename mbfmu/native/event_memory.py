@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
+from mbfmu.mechanics.arrays.numbering import lockable_joints
 from mbfmu.mechanics.events import (
     Action,
     Bounce,
@@ -231,7 +232,8 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
 
 def lock_records(compiled: CompiledMechanism) -> Any:
     """Return the joints that events of a compiled mechanism lock."""
-    arrays, signals = compiled.data.arrays, compiled.locks.signals
+    arrays = compiled.data.arrays
+    signals = {body: compiled.locks.signals[body] for body in lockable_joints(compiled.mechanism)}
     polynomials, locks = compiled.inputs.own.polynomials, LockRecord.zeros(len(signals))
     first = polynomials.ctypes.data - arrays.memory.ctypes.data
     for record, (body, number) in zip(locks, signals.items(), strict=True):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
-from mbfmu.mechanics.arrays.numbering import states_of
+from mbfmu.mechanics.arrays.numbering import lockable_joints, states_of
 from mbfmu.mechanics.arrays.tables import has_state
 from mbfmu.mechanics.events import SetInput, SetParameter
 from mbfmu.mechanics.sensors import Follows
@@ -83,7 +83,7 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
     compiled = simulation.compiled
     if any(has_state(own.signature, own.words) for own in user_kernels(compiled.called())):
         return "user-defined elements have no kernels for complex numbers"
-    if compiled.locks.can_lock:
+    if lockable_joints(compiled.mechanism):
         return "events lock joints"
     if len(compiled.data.state.bearings):
         return "joint friction follows the reaction of its joint"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics import CompiledMechanism
 from solvers.compiled.tuple_pointer import pin
-from solvers.outcome import OK, Code, Status
+from solvers.outcome import MAX_STEPS, OK, Code, Status
 from solvers.system import Array
 
-from .kernels.event_points import EventSearch
+from .kernels.event_points import EventSearch, limit_next_step, longest_gap
 from .kernels.event_search import StepActions, search_of
 from .stepper_run import StepperRun
 
@@ -93,10 +96,48 @@ class CrossingSearch:
         """Advance to the first crossing before or at ``end`` (s), or to it; return the numbers of the sensors that
         cross there. The status of the stepper contains why neither is reached.
         """
+        return self._result(SEARCH.advance(self._run, end))
+
+    def advance_by_steps(self, end: float, ends: Callable[[float, NDArray[np.int64], Array], bool]) -> list[int]:
+        """As :meth:`advance`, at most to the first step in which ``ends`` is true.
+
+        It receives the time (s) at which the step begins, and the sides and bands of the sensors there. It may report
+        any time of the step by :meth:`report`.
+        """
+        run, memory = self._run, self.memory
+        stepper, code, taken = run.stepper, OK, 0
+        SEARCH.begin(run)
+        while code == OK and stepper.t < end and not memory.found.any():
+            if taken >= stepper.options.max_steps:
+                code = MAX_STEPS
+                break
+            begin, sides, bands = stepper.t, memory.sides.copy(), memory.bands.copy()
+            target = end if stepper.has_dense_output else min(end, begin + longest_gap(memory))
+            code = SEARCH.step(run, target, limit_next_step(memory))
+            if code == OK and ends(begin, sides, bands):
+                break
+            taken += 1
+        return self._result(code)
+
+    def _result(self, code: int) -> list[int]:
         stepper = self._run.stepper
-        if SEARCH.advance(self._run, end) == Code.MAX_STEPS and stepper.status.ok:
+        if code == Code.MAX_STEPS and stepper.status.ok:
             stepper.status = Status(Code.MAX_STEPS, stepper.t, stepper.fallback_solvers)
         return self._found() if stepper.status.ok else []
+
+    def report(self, t: float) -> None:
+        """Let the reported state be that of a time t (s) of the last step."""
+        if self._run.stepper.t != t:
+            _report(self._run, t)
+
+    def report_again(self, t: float) -> None:
+        """Let it be that of t (s) again, at which the last step has ended."""
+        if self._run.stepper.t == t:
+            return
+        if self.memory.found.any():  # the step is examined up to a crossing
+            _report(self._run, t)
+        else:
+            _return_to_end(self._run, t)
 
     def _found(self) -> list[int]:
         return [int(k) for k in np.flatnonzero(self.memory.found)]
@@ -133,3 +174,14 @@ class CrossingSearch:
         stepper.status = Status(Code.OK, begin, stepper.fallback_solvers)
         memory.sides[:], memory.bands[:] = sides, bands
         run.q, run.v, run.energy_account = stepper.reported
+
+
+def search_memory(compiled: CompiledMechanism) -> EventSearch:
+    """Return what the search for the crossings of the events of a mechanism reads and changes."""
+    watching = [event for event in compiled.mechanism.events if event.sensor is not None]
+    has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
+    places = np.where(has_rate, len(watching) + np.cumsum(has_rate) - 1, -1).astype(np.int64)
+    directions = np.array([0 if event.lasts else event.direction for event in watching], np.int64)
+    stops = np.array([event.bounce is not None for event in watching], np.int64)
+    parts, system = np.append(compiled.watched, compiled.watched_rates), compiled.system
+    return EventSearch.allocate(parts, places, directions, stops, system.size[: system.n_velocities].copy())

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
-from mbfmu.mechanics.events import EndRun, Event, Impulse, Lock, Release, SetInput, SetParameter
+from mbfmu.mechanics.events import Bounce, EndRun, Event, Impulse, Lock, Release, SetInput, SetParameter
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
@@ -18,11 +18,11 @@ from solvers.resolution import spacing
 from solvers.system import Array
 
 from .event_durations import Durations
-from .event_search import CrossingSearch
+from .event_search import CrossingSearch, search_memory
 from .impulses import Impacts, UndeterminedJumpError, velocity_jump
-from .kernels.event_points import EventSearch
 from .kernels.points import account_discontinuity, check_point, energy_at
 from .locked_joints import LockedJoints
+from .resting_stops import SAME_PLACE_RATIO, RestingStops
 from .run_messages import (
     MAX_EVENTS,
     PRESCRIBED_BOUNCE,
@@ -34,6 +34,7 @@ from .run_messages import (
 from .sampled_blocks import EQUAL_TIME_SPACINGS, SampledBlocks
 from .stepper_run import SEQUENCE, StepperRun
 
+JUMPS = Bounce | Impulse | Lock | Release  # actions that may change velocities
 MIN_EVENTS_TIME_RATIO = 1e-6  # MAX_EVENTS events need at least this part of the duration of the run
 
 Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
@@ -92,7 +93,9 @@ class RunEvents:
         self._search = CrossingSearch(run, memory)
         are_stops = memory.stops == 1
         rates = memory.parts[memory.rate_places[are_stops]]
-        self._impacts = Impacts(compiled, rates, memory.directions[are_stops].astype(float))
+        towards = memory.directions[are_stops].astype(float)
+        self._impacts = Impacts(compiled, rates, towards)
+        self._resting = RestingStops(compiled, run, self._search, locked, towards)
         turns = any(isinstance(action, Lock | Impulse) for event in declared for action in event.actions)
         units = [event.sensor.unit for event in watching if event.sensor and turns]
         self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
@@ -121,6 +124,7 @@ class RunEvents:
         self._durations.declare(self._watching)
         bounces = [event.bounce for event in self._watching]
         self._impacts.restitutions = np.array([bounce.restitution for bounce in bounces if bounce])
+        self._resting.declare([event for event in self._watching if event.bounce])
         memory.control["within"] = min((e.within for e in self._watching if e.within is not None), default=np.inf)
 
     def adopt(self, mechanism: Mechanism) -> None:
@@ -152,7 +156,23 @@ class RunEvents:
         if here:
             self._act(sorted(here, key=lambda event: self._order[event.name]))
         self._restarts_next = any(event.restarts for event in here)
+        self._hold_at_start()
         self._sample()
+
+    def _hold_at_start(self) -> None:
+        """Let stops hold what rests on them at the start."""
+        values, crossed = self._sensor_values(), self._search.memory.crossed
+        is_at = np.abs(values - crossed) <= SAME_PLACE_RATIO * np.maximum(np.abs(values), np.abs(crossed))
+        stops = [self._stops[event.name] for k, event in enumerate(self._watching) if event.bounce and is_at[k]]
+        self.stop = self.stop or self._resting.hold_resting(stops)
+
+    def _note_released(self, events: list[Event]) -> None:
+        """List the events whose stops have released what rested on them."""
+        values, t = self._sensor_values(), self._run.stepper.t
+        for event in events:
+            value = float(values[self._places[event.name]])
+            self.records.append(EventRecord(event.name, t, "down" if event.direction > 0 else "up", value, value))
+            self._check_density(event)
 
     def _sample(self) -> bool:
         """Take the samples of the time reached; return whether there are any."""
@@ -165,6 +185,7 @@ class RunEvents:
     def step(self, end: float) -> None:
         """Advance to the communication point at ``end`` (s) with all events before it, or to one that ends the run."""
         run = self._run
+        self._note_released(self._resting.release_pulled())
         self._restart(end)
         code = OK if self.ended or self.stop else SEQUENCE.begin_step(run, end)
         while code == OK and not self.ended and self.stop is None:
@@ -172,6 +193,7 @@ class RunEvents:
             if not run.stepper.status.ok:
                 break
             changed = bool(found) and self._act(found)
+            self._note_released(self._resting.release_pulled())
             self._restarts_next = self._restarts_next or any(event.restarts for event in found)
             self._restart(end)
             sampled = self._sample() if not self.ended else False
@@ -194,7 +216,12 @@ class RunEvents:
         stepper, slack = run.stepper, EQUAL_TIME_SPACINGS * spacing(end)
         first = min(timed[0].time if timed else np.inf, self._samples.next_time(), self._durations.next_time())
         due = first if first < end - slack else end
-        crossed = self._search.advance(due)
+        if self._resting.held:
+            crossed, released = self._resting.advance(due)
+            self._note_released(released)
+            stepper = run.stepper
+        else:
+            crossed = self._search.advance(due)
         found = [event for event in (self._watching[k] for k in crossed) if not event.lasts]
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
@@ -211,7 +238,12 @@ class RunEvents:
         """Execute the actions of the events at the reported state; return whether an input or a parameter was set."""
         run, changed = self._run, False
         before = self._sensor_values()
-        self._bounce([event for event in found if event.bounce])
+        changes_rates = any(isinstance(action, JUMPS) for event in found for action in event.actions)
+        rested = self._resting.held if changes_rates else []
+        self._resting.release(rested)
+        hit = [self._stops[event.name] for event in found if event.bounce]
+        hit += [k for k in rested if k not in hit]
+        self._bounce(hit, found)
         for event in found:
             for action in event.actions:
                 if isinstance(action, SetInput | SetParameter):
@@ -224,6 +256,8 @@ class RunEvents:
                     self._search.resize(self._sizes())
                 elif isinstance(action, EndRun):
                     self.ended = True
+        self._bounce(rested, found)
+        self.stop = self.stop or self._resting.hold_resting(hit)
         after, t = self._sensor_values(), run.stepper.t
         for event in found:
             if event.sensor is None:
@@ -241,18 +275,18 @@ class RunEvents:
             self._search.leave([self._places[event.name] for event in found if event.sensor], self._bands)
         return changed
 
-    def _bounce(self, found: list[Event]) -> None:
-        """Let the sensors of events bounce off their stops."""
-        if not found or self.stop is not None:
+    def _bounce(self, stops: list[int], found: list[Event]) -> None:
+        """Let sensors bounce off these stops, at the events that are found."""
+        if not stops or self.stop is not None:
             return
         run = self._run
         try:
-            dv = self._impacts.jump(run.stepper.t, run.q, run.v, np.array([self._stops[event.name] for event in found]))
+            dv = self._impacts.jump(run.stepper.t, run.q, run.v, np.array(stops))
         except UndeterminedJumpError as error:
             self._stop_at(found[0], error.reason)
             return
         if isinstance(dv, int):
-            self._stop_at(next(event for event in found if self._stops[event.name] == dv), PRESCRIBED_BOUNCE)
+            self._stop_at(next(e for e in self._watching if self._stops.get(e.name) == dv), PRESCRIBED_BOUNCE)
         else:
             self._let_jump(dv)
 
@@ -288,9 +322,12 @@ class RunEvents:
 
     def _check_density(self, last: Event) -> None:
         """Stop the run if too many events follow each other in too short a time."""
-        if len(self.records) <= MAX_EVENTS:
+        count = MAX_EVENTS
+        if last.bounce and last.bounce.restitution < 1.0 and last.holding_joint is not None:
+            count = int(MAX_EVENTS / (1.0 - last.bounce.restitution))  # bounces until they are not resolved
+        if len(self.records) <= count:
             return
-        t, first = self.records[-1].time, self.records[-1 - MAX_EVENTS].time
+        t, first = self.records[-1].time, self.records[-1 - count].time
         if t - first < MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration:
             self._stop_at(last, TOO_MANY_EVENTS, within=t - first)
 
@@ -298,7 +335,8 @@ class RunEvents:
         """Stop the run if a quantity remains at its stop: its bounces follow each other in times that tend to zero."""
         shortest = MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration
         for event in found if self.stop is None else []:
-            times = [record.time for record in self.records if event.bounce and record.name == event.name]
+            is_repeated = event.bounce and event.holding_joint is None
+            times = [record.time for record in self.records if is_repeated and record.name == event.name]
             last = np.diff(times[-1 - RESTING_BOUNCES :])
             if len(last) == RESTING_BOUNCES and np.all(last < shortest):
                 self._stop_at(event, RESTING_BOUNCE, within=times[-1] - times[-1 - RESTING_BOUNCES])
@@ -336,12 +374,14 @@ class RunEvents:
             "since": self._durations.state(),
             "list": records,
             "locked": self.locked.state(),
+            "resting": list(self._resting.held),
             "samples": self._samples.counts.tolist(),
         } | limits
 
     def restore(self, state: dict[str, Any]) -> None:
         """Return to a state of :meth:`state`; the state of the solver is restored afterwards."""
         self.locked.restore(state["locked"])
+        self._resting.held = list(state["resting"])
         self._search.resize(self._sizes())
         memory, control = self._search.memory, self._search.memory.control[0]
         memory.sides[:], memory.bands[:] = state["sides"], state["bands"]
@@ -351,17 +391,6 @@ class RunEvents:
         self._restarts_next = state["restarts"]
         self._durations.restore(state["since"])
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
-
-
-def search_memory(compiled: CompiledMechanism) -> EventSearch:
-    """Return what the search for the crossings of the events of a mechanism reads and changes."""
-    watching = [event for event in compiled.mechanism.events if event.sensor is not None]
-    has_rate = np.array([e.sensor is not None and e.sensor.rate_sensor() is not None for e in watching], bool)
-    places = np.where(has_rate, len(watching) + np.cumsum(has_rate) - 1, -1).astype(np.int64)
-    directions = np.array([0 if event.lasts else event.direction for event in watching], np.int64)
-    stops = np.array([event.bounce is not None for event in watching], np.int64)
-    parts, system = np.append(compiled.watched, compiled.watched_rates), compiled.system
-    return EventSearch.allocate(parts, places, directions, stops, system.size[: system.n_velocities].copy())
 
 
 def describe_earlier_events(events: list[Event], t: float) -> list[Diagnostic]:

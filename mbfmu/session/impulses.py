@@ -50,7 +50,7 @@ class Impacts:
     def __init__(self, compiled: CompiledMechanism, parts: NDArray[np.int64], directions: Array) -> None:
         self._compiled, self._parts, self._directions = compiled, parts, directions
 
-    def _rates(self, t: float, q: Array, v: Array) -> Array:
+    def rates(self, t: float, q: Array, v: Array) -> Array:
         """Return the rates (k,) towards the stops."""
         values, compiled = np.zeros(len(self._directions)), self._compiled
         watch_sensors(t, q, v, self._parts, compiled.system.pinned_data, values)
@@ -60,10 +60,10 @@ class Impacts:
     def slopes(self, t: float, q: Array) -> Array:
         """Return the slopes G (k, n) of the rates G v + g_t towards the stops, which are linear in v."""
         n = self._compiled.system.n
-        at_rest = self._rates(t, q, np.zeros(n))
+        at_rest = self.rates(t, q, np.zeros(n))
         found = np.empty((len(at_rest), n))
         for k, unit in enumerate(np.eye(n)):
-            found[:, k] = self._rates(t, q, unit) - at_rest
+            found[:, k] = self.rates(t, q, unit) - at_rest
         return found
 
     def jump(self, t: float, q: Array, v: Array, hit: NDArray[np.int64]) -> Array | int:
@@ -83,7 +83,7 @@ class Impacts:
         UndeterminedJumpError
             As for :func:`velocity_jump`.
         """
-        slopes, approach = self.slopes(t, q)[hit], self._rates(t, q, v)[hit]
+        slopes, approach = self.slopes(t, q)[hit], self.rates(t, q, v)[hit]
         responses = velocity_jump(self._compiled, t, q, v, -slopes)
         demand = approach + self.restitutions[hit] * np.maximum(approach, 0.0)
         effects = -slopes @ responses.T

@@ -70,7 +70,7 @@ class LockedJoints:
         """Lock or release a joint; return why the run cannot continue, None: it can."""
         held, body = self._compiled.locks.held, action.joint.index
         if isinstance(action, Lock):
-            return None if body in held else self._lock(action, event)
+            return None if body in held else self.lock(body, action.joint.name, event)
         t = self._run.stepper.t
         if body not in held:
             return Diagnostic.error(
@@ -80,13 +80,19 @@ class LockedJoints:
                 time=t,
                 subject=event,
             )
-        self._continue_with({other: value for other, value in held.items() if other != body}, self._run.v)
+        self.release([body])
         return None
 
-    def _lock(self, action: Lock, event: str) -> Diagnostic | None:
-        run, compiled, name = self._run, self._compiled, action.joint.name
+    def release(self, bodies: list[int]) -> None:
+        """Release the joints of these bodies, which are locked."""
+        held = self._compiled.locks.held
+        self._continue_with({body: value for body, value in held.items() if body not in bodies}, self._run.v)
+
+    def lock(self, number: int, name: str, event: str) -> Diagnostic | None:
+        """Lock the joint of a body, which is not locked; return why the run cannot continue, None: it can."""
+        run, compiled = self._run, self._compiled
         t, q, v = run.stepper.t, run.q, run.v
-        body = compiled.data.arrays.bodies[action.joint.index]
+        body = compiled.data.arrays.bodies[number]
         k, unit = int(body["vf"]), np.zeros(len(v))
         unit[k] = 1.0
         try:
@@ -103,7 +109,7 @@ class LockedJoints:
                 time=t,
                 subject=name,
             )
-        self._continue_with(compiled.locks.held | {action.joint.index: float(q[int(body["qf"])])}, v)
+        self._continue_with(compiled.locks.held | {number: float(q[int(body["qf"])])}, v)
         return None
 
     def _continue_with(self, held: dict[int, float], v: Array) -> None:

@@ -265,6 +265,7 @@ class Simulation(RunProgress):
         if kind in _compiled or not COMPILED:
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
+        q, v = self.compiled.locks.free_coordinates(q, v)
         with self.compiled.histories_kept():
             if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
                 _compiled.add(kind)

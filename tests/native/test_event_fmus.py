@@ -199,16 +199,18 @@ def test_events_in_fmi_3(early: bool, fmi3_path: Path, tmp_path: Path) -> None:
     slave.freeInstance()
 
 
-def test_a_ball_that_rests_stops_the_fmu_with_the_message_of_a_run(path: Path) -> None:
+def test_a_ball_that_rests_stops_a_native_fmu(path: Path) -> None:
+    """A run in Python holds it."""
     simulation = mb.Simulation(Yard(restitution=0.1), SETTINGS)
     simulation.advance(0.6)
-    assert "[resting-bounce]" in simulation.failure
+    assert not simulation.failure
     with Fmu(path, {"restitution": 0.1}) as fmu:
         fmu.step(0.5)
         before = fmu.reals().tolist()
         with pytest.raises(UserError, match="resting-bounce"):
             fmu.step(0.1)
-        assert fmu.message() == simulation.failure
+        assert "event 'floor' comes to rest at its stop" in fmu.message()
+        assert "in FMUs that call Python" in fmu.message()
         assert fmu.reals().tolist() == before
         assert not fmu.slave.getBooleanStatus(fmi2Terminated) or fmu.slave.getRealStatus(fmi2LastSuccessfulTime) == 0.5
 

@@ -50,7 +50,7 @@ class JointLocks:
     is_driven
         Whether drives move the mechanism.
     can_lock
-        Whether events lock joints.
+        Whether joints are locked in runs: by events, or at stops that are rested on.
     signals
         Numbers of the signals that joints follow while they are locked, by the numbers of their bodies.
     """
@@ -128,6 +128,10 @@ class JointLocks:
             return system
         self._arrays.kept[kept] = np.where(constant, -1, np.cumsum(~constant) - 1)
         return systems.make([name for name, drops in zip(names, constant, strict=True) if not drops])
+
+    def size_of(self, body: int) -> float:
+        """Return the unit of the coordinate of a joint that can be locked."""
+        return float(self.system.size[self._places[body][1]])
 
     def all_coordinates(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return positions and velocities without locked joints of those of the present system, (nq,) and (n,)."""

@@ -94,7 +94,7 @@ class Numbering:
             self._slot(Variable(name, unit, description, start), GRAVITY_SIGNAL, axis)
         for body in mechanism.bodies:
             self._count(body)
-        self.holds = {k: self._number(Polynomial((0.0,))) for k in lockable_joints(mechanism)}
+        self.holds = {k: self._number(Polynomial((0.0,))) for k in joints_to_hold(mechanism)}
         self.s = list(self.v)
         self.subspaces = self.nv_full
         for body in mechanism.bodies:
@@ -210,6 +210,12 @@ def lockable_joints(mechanism: Mechanism) -> list[int]:
     """Return the numbers of the bodies whose joints events lock."""
     actions = [action for event in mechanism.events for action in event.actions]
     return sorted({action.joint.index for action in actions if isinstance(action, Lock)})
+
+
+def joints_to_hold(mechanism: Mechanism) -> list[int]:
+    """Return the numbers of the bodies whose joints are locked in runs: by events, or at stops that are rested on."""
+    stops = {event.holding_joint for event in mechanism.events} - {None}
+    return sorted({*lockable_joints(mechanism), *(body for body in stops if body is not None)})
 
 
 def shares_coordinates(body: Body) -> bool:

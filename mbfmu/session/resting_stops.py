@@ -1,0 +1,263 @@
+"""Stops that are rested on: when a joint is locked at its stop, and when the stop lets it go.
+
+After an impact the rebound has a speed u, and the acceleration that pushes the coordinate against the stop is b. The
+bounces that follow end within the time 2 u / (b (1 - e)), e is the restitution, and nothing moves in it by more than
+2 u^2 / (b (1 - e)) as a result of them. If this is less than the tolerance times the unit of the coordinate, the joint
+is locked, see :mod:`.locked_joints`; its last impact is without rebound. With e = 1 the bounces do not end: 1 - e is
+replaced by the tolerance, below which no bounce is resolved.
+
+The accelerations a of the stops that come to rest at one time solve the linear complementarity problem of contacts
+without friction: a = A p - b >= 0, p >= 0 and p a = 0 (Glocker and Pfeiffer, *Nonlinear Dynamics* 7, 1995, 471-497).
+Those with p = 0 are not locked.
+
+The force of a stop that holds is evaluated at points of every step, like the sensors of events. The time at which it
+would pull is located to the same accuracy, and the joint moves freely from there.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.events import Event
+from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution
+from mbfmu.util.diagnostics import Diagnostic
+from solvers.outcome import SolverError
+from solvers.resolution import spacing
+from solvers.system import Array
+
+from .event_search import CrossingSearch
+from .impulses import UndeterminedJumpError, solve_complementarity, velocity_jump
+from .kernels.event_points import MAX_MOTION, MAX_POINTS_PER_STEP, POINTS_PER_STEP, TIME_ACCURACY_RATIO
+from .stepper_run import StepperRun
+
+if TYPE_CHECKING:
+    from .locked_joints import LockedJoints
+
+SAME_PLACE_RATIO = 16.0 * np.finfo(float).eps  # relative difference of a sensor and its stop that is none
+MAX_ROOT_ITERATIONS = 100  # bisection alone needs 60
+
+
+class RestingStops:
+    """The stops of a run whose sensors are coordinates of joints, and which of them hold their joints.
+
+    Parameters
+    ----------
+    compiled, run
+        Mechanism and run.
+    search
+        Search for the crossings of sensors.
+    locked
+        Joints that are locked.
+    directions
+        Sign of the rate (k,) towards the stop.
+
+    Attributes
+    ----------
+    held
+        Numbers of the stops that hold.
+    """
+
+    def __init__(
+        self,
+        compiled: CompiledMechanism,
+        run: StepperRun,
+        search: CrossingSearch,
+        locked: LockedJoints,
+        directions: Array,
+    ) -> None:
+        self._compiled, self._run, self._search, self._locked = compiled, run, search, locked
+        self._directions, self.held = directions, list[int]()
+        self._sensors = np.flatnonzero(search.memory.stops)
+
+    def declare(self, events: list[Event]) -> None:
+        """Take the events (k,) whose values are the stops."""
+        self._events = events
+        joints = [-1 if event.holding_joint is None else event.holding_joint for event in events]
+        self._joints = np.array(joints, np.int64)
+        self._restitutions = np.array([event.bounce.restitution for event in events if event.bounce])
+
+    def _resize(self) -> None:
+        system = self._compiled.system
+        self._search.resize(system.size[: system.n_velocities])
+
+    def hold_resting(self, stops: list[int]) -> Diagnostic | None:
+        """Lock the joints that rest on their stops, of these, at which sensors are at the reported state; return why
+        the run cannot continue, None: it can.
+        """
+        resting = self._resting([k for k in stops if self._joints[k] >= 0])
+        for k in resting:
+            name = self._events[k].name
+            reason = self._locked.lock(int(self._joints[k]), name, name)
+            if reason is not None:
+                return reason
+            self.held.append(k)
+        if resting:
+            self._resize()
+        return None
+
+    def _resting(self, stops: list[int]) -> list[int]:
+        """Return which of these stops hold what is at them."""
+        run, compiled = self._run, self._compiled
+        coordinates = compiled.data.arrays.bodies["vf"][self._joints[stops]]
+        stops = [k for k, place in zip(stops, coordinates, strict=True) if place >= 0]  # not locked by an event
+        if not stops:
+            return []
+        places, signs = coordinates[coordinates >= 0], self._directions[stops]
+        pushes = np.zeros((len(stops), len(run.v)))
+        pushes[np.arange(len(stops)), places] = -signs
+        try:
+            a, _ = run.stepper.accelerations()
+            responses = velocity_jump(compiled, run.stepper.t, run.q, run.v, pushes)
+        except (SolverError, UndeterminedJumpError):
+            return []
+        approach, leaving = signs * a[places], -signs * run.v[places]
+        effects = pushes @ responses.T
+        rtol = run.stepper.options.rtol
+        ends = np.maximum(1.0 - self._restitutions[stops], rtol)
+        resolved = rtol * compiled.system.size[places]
+        rests = []
+        for i in range(len(stops)):
+            others = np.arange(len(stops)) != i
+            p = solve_complementarity(effects[np.ix_(others, others)], approach[others])
+            pressed = approach[i] - effects[i, others] @ p if p is not None else 0.0
+            if pressed > 0.0 and 2.0 * leaving[i] ** 2 <= pressed * ends[i] * resolved[i]:
+                rests.append(i)
+        p = solve_complementarity(effects[np.ix_(rests, rests)], approach[rests])
+        return [] if p is None else [stops[i] for i, force in zip(rests, p, strict=True) if force > 0.0]
+
+    def release(self, stops: list[int]) -> None:
+        """Let these stops, which hold, not hold any more."""
+        if stops:
+            self._locked.release([int(self._joints[k]) for k in stops])
+            self.held = [k for k in self.held if k not in stops]
+            self._resize()
+        for k in stops:
+            sensor = self._sensors[k]
+            size = self._compiled.locks.size_of(int(self._joints[k]))
+            self._search.memory.bands[sensor] = SAME_PLACE_RATIO * (size + abs(self._events[k].value))
+
+    def release_pulled(self) -> list[Event]:
+        """Release the stops whose force would pull at the reported state, or which have moved; return their events."""
+        if not self.held:
+            return []
+        pulled = self._forces() < 0.0
+        found = [k for k, is_pulled in zip(self.held, pulled, strict=True) if is_pulled or self._has_moved(k)]
+        self.release(found)
+        return [self._events[k] for k in found]
+
+    def _has_moved(self, stop: int) -> bool:
+        """Whether a stop that holds is not any more where it has stopped its joint."""
+        body = int(self._joints[stop])
+        size = self._compiled.locks.size_of(body)
+        off = abs(self._compiled.locks.held[body] - self._events[stop].value)
+        return bool(off > self._run.stepper.options.rtol * size)
+
+    def _forces(self) -> Array:
+        """Return the generalized forces (k,) by which the stops that hold push at the reported state."""
+        run, compiled = self._run, self._compiled
+        try:
+            a, lam = run.stepper.accelerations()
+        except SolverError:
+            return np.zeros(len(self.held))
+        inverse_dynamics_at_solution(run.stepper.t, run.q, run.v, a, lam, compiled.system.pinned_data)
+        places = compiled.data.arrays.bodies["vi"][self._joints[self.held]]
+        found: Array = -self._directions[self.held] * compiled.data.state.tau[places]
+        return found
+
+    def advance(self, end: float) -> tuple[list[int], list[Event]]:
+        """Advance to the first crossing of a sensor, the first time at which a stop is released, or to ``end``, s.
+
+        Return the numbers of the sensors that cross, and the events whose stops are released.
+        """
+        memory, released = self._search.memory, list[Event]()
+        force = float(self._forces().min())
+
+        def ends(begin: float, sides: NDArray[np.int64], bands: Array) -> bool:
+            nonlocal force
+            pull, force = self._first_pull(begin, force)
+            if pull is None:
+                return False
+            self._search.report(pull)
+            memory.sides[:], memory.bands[:], memory.found[:] = sides, bands, 0
+            released.extend(self.release_pulled())
+            return True
+
+        return self._search.advance_by_steps(end, ends), released
+
+    def _first_pull(self, begin: float, force: float) -> tuple[float | None, float]:
+        """Return the first time after ``begin`` (s) of the last step at which a stop would pull, and the least force of
+        a stop at the end of the step.
+
+        ``force`` is the least one at its begin. None: no stop would pull; the reported state is the same as before
+        then.
+        """
+        run, search = self._run, self._search
+        end = run.stepper.t
+        count = self._count_points(end - begin)
+        times = [begin + (end - begin) * i / count for i in range(count)] + [end]
+        ahead = self._least(end)
+        known = [(begin, force)]
+        for i in range(1, count + 1):
+            known.append((times[i], ahead if i == count else self._least(times[i])))
+            if i >= 2 and (vertex := lowest_time(known[-3:])) is not None:
+                known.insert(-1 if vertex > known[-2][0] else -2, (vertex, self._least(vertex)))
+            for (t0, f0), (t1, f1) in pairwise(known[-4:]):
+                if f1 < 0.0:
+                    return self._locate(t0, f0, t1, f1, end - begin), ahead
+        search.report_again(end)
+        return None, ahead
+
+    def _count_points(self, duration: float) -> int:
+        """Return the number of intervals into which a step is divided."""
+        system, rates = self._compiled.system, self._run.v
+        moving = system.n_velocities
+        speed = float(np.max(np.abs(rates[:moving]) / system.size[:moving], initial=0.0))
+        within = float(self._search.memory.control["within"][0])
+        wanted = max(POINTS_PER_STEP, duration * speed / MAX_MOTION, duration / within)
+        return int(np.ceil(min(wanted, MAX_POINTS_PER_STEP)))
+
+    def _least(self, t: float) -> float:
+        """Return the least force of a stop that holds, at a time of the last step, s."""
+        self._search.report(t)
+        return float(self._forces().min())
+
+    def _locate(self, t0: float, f0: float, t1: float, f1: float, duration: float) -> float:
+        """Return the time between t0 and t1, s, at which the least force becomes negative, from f0 to f1.
+
+        Illinois variant of the rule of false position (Dowell and Jarratt, *BIT* 11, 1971, 168-174).
+        """
+        width, kept = max(4.0 * spacing(t1), TIME_ACCURACY_RATIO * self._run.stepper.options.rtol * duration), 0
+        for _ in range(MAX_ROOT_ITERATIONS):
+            if t1 - t0 <= width:
+                break
+            t = t0 + (t1 - t0) * f0 / (f0 - f1)
+            t = min(max(t, t0 + 0.5 * width), t1 - 0.5 * width)
+            f = self._least(t)
+            if f < 0.0:
+                t1, f1, f0 = t, f, 0.5 * f0 if kept == 1 else f0
+                kept = 1
+            else:
+                t0, f0, f1 = t, f, 0.5 * f1 if kept == -1 else f1
+                kept = -1
+        return t1
+
+
+def lowest_time(points: list[tuple[float, float]]) -> float | None:
+    """Return the time of the lowest point of the parabola through three points (time, value); None: it is positive
+    there, or not between them.
+    """
+    (t0, f0), (t1, f1), (t2, f2) = points
+    if not min(f0, f1, f2) >= 0.0:
+        return None
+    left, right = (f1 - f0) / (t1 - t0), (f2 - f1) / (t2 - t1)
+    bend = (right - left) / (t2 - t0)
+    if not bend > 0.0:
+        return None
+    t = 0.5 * (t0 + t1 - left / bend)
+    least = f0 + left * (t - t0) + bend * (t - t0) * (t - t1)
+    return t if t0 < t < t2 and t != t1 and least < 0.3 * max(f0, f1, f2) else None
