@@ -28,7 +28,7 @@ def place(joint: Any, qi: int, state: Any) -> None:
 
 
 @kernel
-def evaluate_cut(cut: Any, A: Any, B: Any, row: int, state: Any) -> None:
+def evaluate_cut(cut: Any, A: Any, B: Any, row: int, arrays: Any, state: Any) -> None:
     """A row at ``far``."""
     state.rows[row + cut.far].Phi = 0.0
 

@@ -23,6 +23,7 @@ PLACE, BIAS = 0, 1  # of a joint
 EVALUATE = 0  # of a cut joint, of a coupling, of a signal
 LONGEST_STEP = 1  # of a signal
 APPLY, POTENTIAL, POWER, TANGENT, MONITOR, MISPLACEMENT, CLEARANCE, LONGEST_LOAD_STEP = range(8)  # of a load
+MONITOR_CUT = 1  # of a cut joint
 READ = 0  # of a sensor
 
 
@@ -57,7 +58,17 @@ def joint_bias(body: BodyRecord, arrays: Arrays, state: State) -> None:
 def evaluate_cut(cut: CutRecord, arrays: Arrays, state: State) -> None:
     """Let a cut joint write its rows; see :mod:`.cuts.base`."""
     A, B = state.bodies[cut.a], state.bodies[cut.b]
-    call_void(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, state))
+    call_void(arrays.kernels[cut.kind + EVALUATE], arrays.memory, cut.at, (A, B, cut.row, arrays, state))
+
+
+@inlined
+def cut_monitor(cut: CutRecord, arrays: Arrays, state: State) -> tuple[float, float, float]:
+    """What the kernel ``monitor`` of a cut joint returns, see :mod:`.cuts.base`; zeros: it has none."""
+    address = arrays.kernels[cut.kind + MONITOR_CUT]
+    if address == 0:
+        return 0.0, 0.0, 0.0
+    A, B = state.bodies[cut.a], state.bodies[cut.b]
+    return call_fff(address, arrays.memory, cut.at, state.time, (A, B, arrays))
 
 
 @inlined

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.closing import CLOSURE_MESSAGES
-from mbfmu.mechanics.cuts.rolling import GRIPS, RollingWheelRecord
+from mbfmu.mechanics.cuts.rolling import GRIPS
+from mbfmu.mechanics.cuts.rolling_rows import RollingWheelRecord
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings

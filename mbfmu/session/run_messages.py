@@ -50,9 +50,9 @@ UNDETERMINED_FORCES = Diagnostic.warning(
 )
 LIFTING_WHEEL = Diagnostic.warning(
     "lifting-wheel",
-    "wheel {name!r} would lift at t = {t:.9g} s: its plane would have to pull it with {force:.3g} N to keep contact. "
+    "wheel {name!r} would lift at t = {t:.9g} s: the surface would have to pull it with {force:.3g} N to keep contact. "
     "The motion from there on is that of a wheel that cannot lift",
-    "Reduce speeds, correct the normal of the plane, or use a SlippingWheel, which may lift",
+    "Reduce speeds, correct the normal of the surface, or use a SlippingWheel, which may lift",
 )
 SLIPPING_WHEEL = Diagnostic.warning(
     "slipping-wheel",
@@ -61,6 +61,29 @@ SLIPPING_WHEEL = Diagnostic.warning(
     "that cannot slip",
     "Reduce the torque, the speed or the slope, increase the friction or the normal force, or use a SlippingWheel, "
     "which may slip",
+)
+SECOND_CONTACT = Diagnostic.warning(
+    "second-contact",
+    "wheel {name!r} would touch its profile at a second place at t = {t:.9g} s: it rolls at x = {x:.6g} m, and the "
+    "profile at x = {second:.6g} m is {depth:.3g} m inside the wheel. The motion from there on is that of a wheel that "
+    "can only touch one place",
+    "Use a smaller wheel, or a profile whose troughs have a larger radius of curvature; a wheel that leans needs a "
+    "larger one than its radius",
+)
+TIGHT_TROUGH = Diagnostic.warning(
+    "second-contact",
+    "wheel {name!r} may touch its profile at two places at t = {t:.9g} s, where the run ends: it rolls at x = {x:.6g} "
+    "m, and the trough at x = {trough:.6g} m has a radius of curvature of {radius:.4g} m, while that of the outline of "
+    "the wheel there is {outline:.4g} m, as it is inclined",
+    "Use a smaller wheel, or a profile whose troughs have a larger radius of curvature; a wheel that leans needs a "
+    "larger one than its radius",
+)
+PROFILE_END = Diagnostic.warning(
+    "profile-end",
+    "wheel {name!r} touches its profile at x = {x:.6g} m at t = {t:.9g} s, but the profile is given from {low:.6g} to "
+    "{high:.6g} m. The motion from there on is that on a straight continuation",
+    "Use a longer profile, or state its continuation: a Table with beyond='hold' or beyond='periodic', without "
+    "profile_interval",
 )
 SINGULAR_START = Diagnostic.warning(
     "singular-start",

@@ -140,11 +140,22 @@ class RunProgress(SavedStates):
             self._element_monitor.note(float(self._limit_ratio[0]), t, self._positions)
         if self._wheels.wheels:
             self._note_wheels([(t, q, stepper.v)])
+            self._explain_wheels()
         return stepper.status
 
     def _note_wheels(self, states: Iterable[State]) -> None:
         """Warn once of each wheel that would lift, and of each that would slip."""
-        for found in self._wheels.describe(states):
+        self._note_once(self._wheels.describe(states))
+
+    def _explain_wheels(self) -> None:
+        """If the solver has failed, warn of wheels that may be the reason."""
+        stepper = self.stepper
+        if not stepper.status.ok and len(stepper.v) == self.compiled.system.n:  # else joints are locked
+            self.compiled.place_bodies(stepper.t, stepper.q)
+            self._note_once(self._wheels.explain_failure(stepper.t))
+
+    def _note_once(self, diagnostics: Iterable[Diagnostic]) -> None:
+        for found in diagnostics:
             if not any((found.code, found.subject) == (known.code, known.subject) for known in self._noted):
                 self._noted.append(found)
 
@@ -230,6 +241,7 @@ class RunProgress(SavedStates):
             self._element_monitor.note_samples(ratios, ahead[: len(ratios)], q[: len(ratios)])
             if self._wheels.wheels:
                 self._note_wheels(zip(ahead[:count].tolist(), q, self._run.samples.v, strict=False))
+                self._explain_wheels()
             if self.energy_check and count:
                 self.energy_check.describe(ahead[:count], q[:count])
             done += count

@@ -27,6 +27,8 @@ SUSPECT_CODES = INACCURATE_CODES | {
     "coarse-mesh",
     "fmu-warning",
     "lifting-wheel",
+    "profile-end",
+    "second-contact",
     "slipping-wheel",
 }  # warnings about an error that was found in the run
 OLD_NOTE_CODES = {"changed-start", "redundant-constraints", "slow-solver", "selected-solver"}  # until version 0.2
@@ -51,8 +53,10 @@ MESSAGE_TITLES = OF_SOLVERS | {
     "element-at-start": "An element is not usable at the start, such as a sheet that penetrates a contact surface",
     "unreachable-drive": "A drive requires a position that the loops cannot reach",
     "undetermined-forces": "Reaction forces are not determined at a singular configuration",
-    "lifting-wheel": "A wheel that rolls without slip would lift from its plane",
+    "lifting-wheel": "A wheel that rolls without slip would lift from its surface",
     "slipping-wheel": "A wheel that rolls without slip needs more friction than there is",
+    "second-contact": "A wheel that rolls on a profile would touch it at a second place",
+    "profile-end": "A wheel that rolls on a profile leaves the interval for which it is given",
     "energy-balance": "The energy error is larger than the tolerance explains",
     "slow-passage": "The energy error decides on which side of an unstable equilibrium the motion continues",
     "coarse-mesh": "The mesh of a sheet is too coarse for its deformation",

@@ -28,6 +28,7 @@ from mbfmu.util.errors import UserError
 from .hulls import Hull, hull_of
 from .mesh_solids import MeshSolids, readable_shapes
 from .picture import Bar, Link, Matrix, Numbers, Part, Picture, Poses, Skin, cells, numbers
+from .profiles import profile_shapes
 
 PALETTE = (
     "#4269d0", "#efb118", "#ff725c", "#3ca951", "#a463f2", "#38b2c4", "#ff8ab7", "#9c6b4e", "#97bbf5", "#8fbf3f",
@@ -68,6 +69,7 @@ class _Artist:
         self.held = self._held_points()
         self.contact_shapes = _contact_shapes(mechanism, poses)
         self.rolled = {body.index for body, shape in self.contact_shapes if body.index and shape.opacity == 1.0}
+        self.profiles = list(profile_shapes(mechanism, poses))
         self.shapes, self.meshes = readable_shapes(mechanism.shapes), MeshSolids()
         self.shaped = {body.index for body, _ in self.shapes} | self.rolled
         for handle, _ in bodies_with_hulls(mechanism):
@@ -92,7 +94,7 @@ class _Artist:
                 self._bars_and_ball(body)
             if body.index not in self.skinned | self.rolled:
                 self._joint(body)
-        for body, shape in (*self.shapes, *self.contact_shapes):
+        for body, shape in (*self.shapes, *self.contact_shapes, *self.profiles):
             for solid, at, axes, mesh in shape.pieces():
                 name = solid if mesh is None else self.meshes.name_of(solid, mesh)
                 self._part(name, body, at, axes, shape.color or color_of(body), shape.opacity)

@@ -111,7 +111,7 @@ def _uses(mechanism: Mechanism, arrays: Arrays, state: State) -> Iterator[Kernel
         yield KernelUse(what, int(own["kind"]) + BIAS, at, (q, v, s))
     for cut, own in zip(mechanism.cuts, arrays.cuts, strict=True):
         ends = state.bodies[int(own["a"])], state.bodies[int(own["b"])]
-        yield KernelUse(f"cut {cut.name!r}", int(own["kind"]), int(own["at"]), (*ends, int(own["row"]), s))
+        yield KernelUse(f"cut {cut.name!r}", int(own["kind"]), int(own["at"]), (*ends, int(own["row"]), a, s))
     for coupling, own in zip(mechanism.couplings, arrays.couplings, strict=True):
         q_b = float(state.q[int(own["qb"])])
         yield KernelUse(f"coupling {coupling.name!r}", int(own["kind"]), int(own["at"]), (q_b, a))

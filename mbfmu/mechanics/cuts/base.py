@@ -1,10 +1,13 @@
 """Interface of cut joints.
 
-A cut joint ties point P of body a to point Q of body b. Its kernel ``evaluate(cut, A, B, row, state)``, A and B being
-the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the residual Phi and the wrenches Ga, Gb
-(about the two origins, global axes) and the velocity products ``bias`` such that
+A cut joint ties point P of body a to point Q of body b. Its kernel ``evaluate(cut, A, B, row, arrays, state)``, A and B
+being the motions of the two bodies, writes its rows from ``state.rows[row]`` on: the residual Phi and the wrenches Ga,
+Gb (about the two origins, global axes) and the velocity products ``bias`` such that
 
     Phi' = Ga . Y_a + Gb . Y_b,      Phi'' = Ga . Y'_a + Gb . Y'_b + bias.
+
+The kernel ``monitor(cut, A, B, arrays)`` of a wheel on a profile returns where it touches the profile, where the
+profile is deepest inside the wheel, and how deep; None: a type of cut joints has no such limits.
 
 A nonholonomic row, such as that of a wheel which does not slip, restricts velocities only. Its Phi is zero, and Phi' is
 what the wrenches say.
@@ -63,8 +66,12 @@ class CutJoint(ElementType):
     rotation_b: Any = None
 
     record: ClassVar[RecordType] = CutJointRecord
-    kernels: ClassVar = {"evaluate": "motion, motion, index, state"}
+    kernels: ClassVar = {
+        "evaluate": "motion, motion, index, arrays, state",
+        "monitor": "motion, motion, arrays -> three",
+    }
     evaluate: ClassVar[Any]
+    monitor: ClassVar[Any] = None
     rows: ClassVar[tuple[str, ...]]  # suffix of each row's name
     units: ClassVar[tuple[str, ...]]  # of each row's multiplier: N or N m
     nonholonomic: ClassVar[tuple[str, ...]] = ()  # rows that restrict velocities only: their residual is zero

@@ -17,7 +17,7 @@ from solvers.compiled.record import f8
 from .base import CutJoint, CutJointRecord
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 class DistanceCutRecord(CutJointRecord):
@@ -27,7 +27,7 @@ class DistanceCutRecord(CutJointRecord):
 
 
 @kernel
-def evaluate(cut: DistanceCutRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
+def evaluate(cut: DistanceCutRecord, A: MotionRecord, B: MotionRecord, row: int, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. Phi' = d.d'/L, Phi'' = (d.d'' + d'.d')/L."""
     out = state.rows[row]
     ax, ay, az = arm(A, cut.Pa)

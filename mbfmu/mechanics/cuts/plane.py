@@ -10,11 +10,11 @@ from solvers.compiled.kernel import kernel
 from .base import AxisCut, CutJointRecord, constrain_along, relative_motion
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 @kernel
-def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
+def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     constrain_along(cut, 2, A, relative_motion(cut, A, B), state.rows[row])
 

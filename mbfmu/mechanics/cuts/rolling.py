@@ -1,105 +1,62 @@
-"""Rolling wheel: a circle of body b, or a torus, touches a plane of body a and does not slip on it.
+"""Rolling wheel: a circle of body b, or a torus, touches a surface of body a and does not slip on it.
 
-The wheel has the center Q and the axle e, the plane the point P and the normal n. With s = |e x n|, the directions::
-
-    t = e x n / s   longitudinal: where the wheel heads       l = n x t   lateral       u = e x t   from Q downwards
-
-and the crown radius c the lowest point of the wheel is C = Q + (R - c) u - c n, whether it touches the plane or not.
-With the velocity V at C of the wheel relative to the plane, both taken as rigid::
-
-    Phi = n.(Q - P) - (R - c) s - c,    Phi' = n.V        distance to the plane: a holonomic constraint
-    t.V = 0,    l.V = 0                                   no slip: nonholonomic constraints, which have no Phi
-
-C is a point of neither body. For each direction d = n, t, l, with n' = w_a x n and e' = w_b x e::
-
-    (d.V)' = d.(v'_b + w'_b x (C - O_b) - v'_a - w'_a x (C - O_a)) + d.(w_b x (C' - v_b) - w_a x (C' - v_a)) + d'.V
-
-[P] section 2.4 for disks, [BCPR] for toroidal wheels.
+The surface is a plane through the point P, or a profile. Equations: :mod:`.rolling_rows`, :mod:`.rolling_profile`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbfmu.mechanics import law
 from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import Matrix, one_of
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH, is_finite
 from mbfmu.mechanics.spatial import arm
-from mbfmu.mechanics.wheels import add3, cross3, dot3, heading
+from mbfmu.mechanics.wheels import add3, cross3
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import kernel
-from solvers.compiled.record import f8, i8
 
-from .base import CutJoint, CutJointRecord, with_axis_last
+from .base import CutJoint, with_axis_last
+from .profile import Profile
+from .rolling_profile import RollingProfileRecord, evaluate_on_table, kernels_of_function, monitor_on_table
+from .rolling_rows import RollingWheelRecord, roll
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord, RowRecord, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 GRIPS = {"both": ("longitudinal", "lateral"), "longitudinal": ("longitudinal",), "lateral": ("lateral",)}
-
-
-class RollingWheelRecord(CutJointRecord):
-    """Parameters of :class:`RollingWheel`; the normal is the last axis of Ra, the axle that of Rb."""
-
-    radius: f8  # of the circle in the middle of the torus, m
-    crown: f8  # m
-    longitudinal: i8  # 1: no slip in this direction
-    lateral: i8
-    longitudinal_friction: f8  # coefficient of friction in this direction; 0: it is not compared
-    lateral_friction: f8
+MAX_PROFILE_AXIS_COSINE = 1e-6  # of the angle between profile_axis and normal
 
 
 @kernel
-def evaluate(cut: RollingWheelRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
-    """See :mod:`.base`."""
-    radius, crown = cut.radius, cut.crown
-    va, wa = (A.Y[0], A.Y[1], A.Y[2]), (A.Y[3], A.Y[4], A.Y[5])
-    vb, wb = (B.Y[0], B.Y[1], B.Y[2]), (B.Y[3], B.Y[4], B.Y[5])
-    n, e, center = arm(A, cut.Ra[:, 2]), arm(B, cut.Rb[:, 2]), arm(B, cut.Pb)
-    dn, de = cross3(wa, n), cross3(wb, e)
-    d_across = add3(cross3(de, n), 1.0, cross3(e, dn))
-    s, t, u = heading(e, n)
-    ds = dot3(t, d_across)
-    dt = (d_across[0] - ds * t[0]) / s, (d_across[1] - ds * t[1]) / s, (d_across[2] - ds * t[2]) / s
-    du = add3(cross3(de, t), 1.0, cross3(e, dt))
-    at_b = add3(add3(center, radius, u), -crown, n)  # C - O_b
+def evaluate(cut: RollingWheelRecord, A: MotionRecord, B: MotionRecord, row: int, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`. On a plane S is the point P, and n' = w_a x n."""
+    n = arm(A, cut.Ra[:, 2])
     apart = B.r[0] - A.r[0], B.r[1] - A.r[1], B.r[2] - A.r[2]
-    at_a = add3(at_b, 1.0, apart)
-    moving = add3(add3(cross3(wb, center), radius, du), -crown, dn)  # C' - v_b
-    onward = add3(add3(moving, 1.0, vb), -1.0, va)
-    V = add3(add3(add3(cross3(wb, at_b), -1.0, cross3(wa, at_a)), 1.0, vb), -1.0, va)
-    turning = add3(cross3(wb, moving), -1.0, cross3(wa, onward))
-    height = add3(add3(center, 1.0, apart), -1.0, arm(A, cut.Pa))
-    fill_row(state.rows[row], n, at_a, at_b, dot3(n, height) - radius * s - crown, dot3(n, turning) + dot3(dn, V))
-    own = row + 1
-    if cut.longitudinal == 1:
-        fill_row(state.rows[own], t, at_a, at_b, 0.0 * s, dot3(t, turning) + dot3(dt, V))
-        own += 1
-    if cut.lateral == 1:
-        side, d_side = cross3(n, t), add3(cross3(dn, t), 1.0, cross3(n, dt))
-        fill_row(state.rows[own], side, at_a, at_b, 0.0 * s, dot3(side, turning) + dot3(d_side, V))
+    above = add3(add3(arm(B, cut.Pb), 1.0, apart), -1.0, arm(A, cut.Pa))
+    roll(cut, A, B, n, cross3((A.Y[3], A.Y[4], A.Y[5]), n), above, row, state)
 
 
-@kernel
-def fill_row(row: RowRecord, d: Any, at_a: Any, at_b: Any, Phi: Any, bias: Any) -> None:
-    """One row along d at the point that is ``at_a`` and ``at_b`` from the origins of the bodies."""
-    ma, mb = cross3(at_a, d), cross3(at_b, d)
-    row.Phi, row.bias = Phi, bias
-    for k in range(3):
-        row.Ga[k], row.Gb[k] = -d[k], d[k]
-        row.Ga[3 + k], row.Gb[3 + k] = -ma[k], mb[k]
+class RollingOnTable(CutJoint):
+    """Record and kernel of a wheel on a profile through points."""
+
+    record = RollingProfileRecord
+    evaluate = evaluate_on_table
+    monitor = monitor_on_table
 
 
 @dataclass(frozen=True, kw_only=True)
 class RollingWheel(CutJoint):
-    """Wheel of body b that rolls without slip on a plane of body a.
+    """Wheel of body b that rolls without slip on a plane of body a, or on a cylindrical surface with a profile.
 
-    The constraint is bilateral: the wheel cannot lift, and a run warns if its plane would have to pull it. The axle
-    must not become normal to the plane.
+    The constraint is bilateral: the wheel cannot lift, and a run warns if the surface would have to pull it. The axle
+    must not become normal to the surface. A wheel on a profile touches it at one place only: its radius is below the
+    radius of curvature of all troughs.
 
     Parameters
     ----------
@@ -109,7 +66,7 @@ class RollingWheel(CutJoint):
         Radius of the cross-section of its tire, m; 0: the wheel is a thin disk.
     normal
         Normal of the plane, on the side of the wheel: ``"x"``, ``"y"``, ``"z"`` or three numbers in the cut frame of
-        body a; ``at_a`` is a point of the plane.
+        body a; ``at_a`` is a point of the plane. For a profile the direction of its height.
     axis
         Axle: the same in the cut frame of body b; ``at_b`` is the center of the wheel. With the normal up and the axle
         to the left the wheel heads forward.
@@ -120,9 +77,22 @@ class RollingWheel(CutJoint):
     grip
         Directions without slip: ``"both"``, ``"longitudinal"`` (a wheel with rollers at its rim) or ``"lateral"`` (a
         skate).
+    profile
+        Height of the surface over the plane as a function of the distance x along ``profile_axis`` from ``at_a``, m; it
+        is constant along the third direction. ``Table`` of points, which must be smooth; a function ``lambda x: ...``
+        or an expression ``"0.1 * cos(3 * x)"``, differentiated by differences. None: a plane.
+    profile_axis
+        Direction of x: as ``normal``, to which it is perpendicular.
+    profile_interval
+        Least and greatest x where the wheel may touch the profile, m; required for a function. The profile continues
+        straight beyond, and a run warns of a wheel that gets there. None: a table's ``beyond`` is its continuation, and
+        a run warns if this is ``"linear"``.
+    profile_width
+        For a function: distance over which it changes noticeably, m; None: the radius of the wheel.
     """
 
     record = RollingWheelRecord
+    variants = (RollingOnTable,)
     drawn = "wheel"
     evaluate = evaluate
 
@@ -132,6 +102,27 @@ class RollingWheel(CutJoint):
     axis: Any = "y"
     grip: str = "both"
     friction: float | tuple[float, float] | None = None
+    profile: Any = None
+    profile_axis: Any = "x"
+    profile_interval: Any = None
+    profile_width: float | None = None
+
+    def __post_init__(self) -> None:
+        """Take the kernel of a profile."""
+        if self.profile is not None:
+            self.become(RollingOnTable)
+            if isinstance(self.profile, str) or (callable(self.profile) and not isinstance(self.profile, type)):
+                kernels = kernels_of_function(law.law_of("profile of a wheel", self.profile, ("x",)))
+                object.__setattr__(self, "evaluate", kernels.evaluate)
+                object.__setattr__(self, "monitor", kernels.monitor)
+
+    @cached_property
+    def surface(self) -> Profile | None:
+        """Profile with its interval; None: a plane."""
+        if self.profile is None:
+            return None
+        width = self.radius if self.profile_width is None else self.profile_width
+        return Profile(self.profile, self.profile_interval, width)
 
     @property
     def rows(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -158,6 +149,9 @@ class RollingWheel(CutJoint):
         unit_axis(self.normal, f"normal of {what}")
         unit_axis(self.axis, f"axis of {what}")
         one_of(f"grip of {what}", self.grip, tuple(GRIPS))
+        if self.surface is not None:
+            self._axis_across(what)
+            self.surface.check(what, self.radius)
         if self.friction is None:
             return
         if not (
@@ -172,7 +166,25 @@ class RollingWheel(CutJoint):
     def frames(self, what: str = "a rolling wheel") -> tuple[Matrix, Matrix]:
         """Return the cut frames as columns in bodies a and b; the last axes are the normal and the axle."""
         Ra, Rb = super().frames(what)
-        return with_axis_last(Ra, self.normal, what), with_axis_last(Rb, self.axis, what)
+        if self.surface is None:
+            return with_axis_last(Ra, self.normal, what), with_axis_last(Rb, self.axis, what)
+        across = self._axis_across(what)
+        normal = unit_axis(self.normal, f"normal of {what}")
+        return Ra @ np.column_stack((np.cross(across, normal), across, normal)), with_axis_last(Rb, self.axis, what)
+
+    def _axis_across(self, what: str) -> Any:
+        """Return the unit vector of the generators of a profile: normal x profile_axis."""
+        normal, own = (
+            unit_axis(self.normal, f"normal of {what}"),
+            unit_axis(self.profile_axis, f"profile_axis of {what}"),
+        )
+        if abs(own @ normal) > MAX_PROFILE_AXIS_COSINE:
+            raise UserError(
+                f"profile_axis of {what} is {self.profile_axis!r}; allowed: a direction perpendicular to its normal, "
+                f"{self.normal!r}"
+            )
+        across = np.cross(normal, own)
+        return across / np.linalg.norm(across)
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write points, axes, radii and rows."""
@@ -182,6 +194,8 @@ class RollingWheel(CutJoint):
             record[direction] = direction in self.nonholonomic
         if self.friction is not None:
             record["longitudinal_friction"], record["lateral_friction"] = np.broadcast_to(self.friction, 2)
+        if self.surface is not None:
+            self.surface.fill(record, site)
 
     def extent(self) -> float:
         """Return the radius."""

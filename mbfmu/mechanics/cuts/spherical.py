@@ -10,11 +10,11 @@ from solvers.compiled.kernel import kernel
 from .base import CutJoint, CutJointRecord, constrain_point
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 @kernel
-def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
+def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
     constrain_point(cut, A, B, row, state)
 

@@ -10,11 +10,11 @@ from solvers.compiled.kernel import kernel
 from .base import AxisCut, CutJointRecord, constrain_along, constrain_perpendicular, relative_motion
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 @kernel
-def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
+def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
     motion = relative_motion(cut, A, B)
     constrain_along(cut, 0, A, motion, state.rows[row])

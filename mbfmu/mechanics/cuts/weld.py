@@ -10,11 +10,11 @@ from solvers.compiled.kernel import kernel
 from .base import CutJoint, CutJointRecord, constrain_perpendicular, constrain_point
 
 if TYPE_CHECKING:
-    from mbfmu.mechanics.records import MotionRecord, State
+    from mbfmu.mechanics.records import Arrays, MotionRecord, State
 
 
 @kernel
-def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, state: State) -> None:
+def evaluate(cut: CutJointRecord, A: MotionRecord, B: MotionRecord, row: int, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`. x_a, y_a, z_a are perpendicular to y_b, z_b, x_b."""
     constrain_point(cut, A, B, row, state)
     constrain_perpendicular(cut, 0, 1, A, B, state.rows[row + 3])
