@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import mbfmu as mb
-from mbfmu.fmi.export import export
 from mbfmu.modeling.settings import Settings
 from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
@@ -88,17 +85,14 @@ def test_wrong_durations_are_refused(given: dict[str, Any]) -> None:
         oscillator({"direction": "up", "lasts": -0.1})
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lasting(mb.Model):
-    """An oscillator with an event that requires a time."""
-
-    name = "lasting"
-
-    def build(self) -> mb.Mechanism:
-        return oscillator({"direction": "up", "lasts": 0.1})
-
-
-def test_native_fmus_refuse_durations(tmp_path: Path) -> None:
-    text = "native FMUs do not support event 'e0', whose quantity must remain beyond its value for 0.1 s"
-    with pytest.raises(UserError, match=text):
-        export(Lasting(), tmp_path / "lasting.fmu", Settings(solver="adams"), native=True)
+@pytest.mark.parametrize("interval", [0.05, 1.0])
+def test_a_quantity_that_begins_at_its_value(interval: float) -> None:
+    """Closed form: the time begins at the start, where the quantity is at its value, also if no output is within it."""
+    m = mb.Mechanism()
+    sled = m.body("sled", m.ground, mb.Translational(axis="x"), mass=1.0)
+    m.force("push", mb.JointForce(-1.0), sled)
+    m.event("back", sled.rate(), direction="down", lasts=0.42, then=mb.Impulse(sled, 2.0))
+    m.output("rate", sled.rate())
+    result = mb.simulate(m, 1.0, interval=interval, solver="adams", tolerance=1e-8)
+    assert [event.time for event in result.events] == pytest.approx([0.42], abs=1e-7)
+    np.testing.assert_allclose(result["rate"], -result.t + 2.0 * (result.t > 0.42), rtol=0.0, atol=1e-7)

@@ -9,6 +9,7 @@ import numpy as np
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.session.events import MIN_EVENTS_TIME_RATIO
 from mbfmu.session.impulses import CONTRADICTION
+from mbfmu.session.kernels.event_durations import end_duration, next_duration_time
 from mbfmu.session.kernels.event_points import BEGIN, VALUES, EventSearch
 from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
 from solvers.compiled.kernel import kernel
@@ -37,6 +38,8 @@ def begin_events(events: EventMemory, t: float) -> None:
     control = events.control[0]
     control.ended, control.failure, control.count, control.changed = 0, NO_FAILURE, 0, 0
     control.row, control.restarts = NO_ROW, 0
+    for k in range(events.since.shape[0]):
+        events.since[k] = np.nan
     for k in range(events.parameters.shape[0]):
         events.parameters[k] = np.nan
     for k in range(events.times.shape[0]):
@@ -50,8 +53,8 @@ def begin_events(events: EventMemory, t: float) -> None:
 
 @kernel
 def next_event_time(events: EventMemory) -> float:
-    """Time of the next event of a given time, s; infinite: there is none."""
-    found = np.inf
+    """Time of the next event of a given time, or of one that requires a time, s; infinite: there is none."""
+    found = next_duration_time(events)
     for k in range(events.times.shape[0]):
         if events.done[k] == 0:
             found = min(found, events.times[k])
@@ -60,12 +63,12 @@ def next_event_time(events: EventMemory) -> float:
 
 @kernel
 def collect_due(events: EventMemory, search: EventSearch, t: float, slack: float) -> bool:
-    """Collect the events at the reported state of time t (s): crossings, and given times up to ``slack`` (s) later."""
+    """Collect the events at the reported state of time t (s): crossings, and times up to ``slack`` (s) later."""
     is_any = False
     for k in range(events.due.shape[0]):
         events.due[k] = 0
     for k in range(events.sensed.shape[0]):
-        if search.found[k] == 1:
+        if (search.found[k] == 1 and events.lasting[k] == 0.0) or end_duration(events, k, t + slack):
             events.due[events.sensed[k]], is_any = 1, True
     for k in range(events.times.shape[0]):
         if events.done[k] == 0 and events.times[k] <= t + slack:
@@ -218,7 +221,8 @@ def is_restart_found(events: EventMemory, search: EventSearch) -> bool:
     for row in range(events.actions.shape[0]):
         action = events.actions[row]
         for k in range(events.sensed.shape[0] if action.kind == RESTART else 0):
-            is_any = is_any or (events.sensed[k] == action.event and search.found[k] == 1)
+            is_crossing = search.found[k] == 1 and events.lasting[k] == 0.0
+            is_any = is_any or (events.sensed[k] == action.event and is_crossing)
     return is_any
 
 

@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from mbfmu.mechanics.arrays.input_kernels import start_input
-from mbfmu.session.kernels.event_points import BEGIN, HERE, VALUES, EventSearch, fill_point, note_sides
+from mbfmu.session.kernels.event_durations import note_duration, update_durations
+from mbfmu.session.kernels.event_points import BEGIN, HERE, VALUES, EventSearch, clear_found, fill_point, note_sides
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.outcome import OK
 
@@ -33,9 +34,12 @@ from .event_memory import (
     IMPULSE,
     LOCK,
     NO_FAILURE,
+    NO_ROW,
+    PARAMETER_CODE,
     RELEASE,
     RUN_ENDED_CODE,
     SET_INPUT,
+    SET_PARAMETER,
 )
 from .exchange_memory import NEXT_EVENT, pack_states
 from .exchange_times import begin_evaluation
@@ -68,6 +72,17 @@ def take_sides(search: EventSearch) -> None:
         if search.found[k] == 1 and search.stops[k] == 0:
             search.sides[k] = -search.sides[k]
     note_sides(search, HERE)
+
+
+@kernel
+def note_sides_of_durations(instance: Any, t: float) -> None:
+    """Note which sensors are beyond their values at t, s, by their sides; those that have just crossed are at the other
+    side.
+    """
+    search = instance.search
+    for k in range(search.sides.shape[0]):
+        side = -search.sides[k] if search.found[k] == 1 else search.sides[k]
+        note_duration(instance.events, k, t, float(side))
 
 
 @kernel
@@ -116,36 +131,45 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             instance.v[i] += instance.dv[i]
 
     @jit_uncached
-    def act(instance: Any) -> None:
-        """Execute the actions of the events that are due."""
-        events, control = instance.events, instance.events.control[0]
-        if bounce(instance):
+    def execute(instance: Any, row: int) -> int:
+        """Execute one action; return a code."""
+        events, control, failure = instance.events, instance.events.control[0], NO_FAILURE
+        action = events.actions[row]
+        if action.kind == SET_INPUT:
+            start_input(instance.inputs, action.place, events.values[row], instance.clock[0])
+        elif action.kind == SET_PARAMETER:
+            control.row, control.parameter, control.value = row + 1, action.place, events.values[row]
+            return PARAMETER_CODE
+        elif action.kind == IMPULSE:
+            failure = push(instance, action.place, events.values[row])
+            if failure == NO_FAILURE:
+                let_jump(instance)
+        elif action.kind == LOCK and events.locks[action.place].is_locked == 0:
+            failure = lock(instance, action.place)
+            if failure == NO_FAILURE:
+                let_jump(instance)
+                hold_joint(instance, action.place)
+        elif action.kind == RELEASE:
+            failure = release_joint(instance, action.place)
+        if failure != NO_FAILURE:
+            stop_by_event(events, action.event, failure)
+        return OK
+
+    @jit_uncached
+    def act(instance: Any) -> int:
+        """Execute the actions of the events that are due, or the remaining ones after a parameter was set."""
+        events, control, code = instance.events, instance.events.control[0], OK
+        first = max(control.row, 0)
+        if control.row == NO_ROW and bounce(instance):
             let_jump(instance)
-        for row in range(events.actions.shape[0]):
-            action = events.actions[row]
-            if events.due[action.event] == 0 or control.failure != NO_FAILURE:
-                continue
-            if action.kind == SET_INPUT:
-                start_input(instance.inputs, action.place, events.values[row], instance.clock[0])
-            elif action.kind == IMPULSE:
-                failure = push(instance, action.place, events.values[row])
-                if failure == NO_FAILURE:
-                    let_jump(instance)
-                else:
-                    stop_by_event(events, action.event, failure)
-            elif action.kind == LOCK and events.locks[action.place].is_locked == 0:
-                failure = lock(instance, action.place)
-                if failure == NO_FAILURE:
-                    let_jump(instance)
-                    hold_joint(instance, action.place)
-                else:
-                    stop_by_event(events, action.event, failure)
-            elif action.kind == RELEASE:
-                failure = release_joint(instance, action.place)
-                if failure != NO_FAILURE:
-                    stop_by_event(events, action.event, failure)
-        end_if_requested(events)
-        record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+        control.row = NO_ROW
+        for row in range(first, events.actions.shape[0]):
+            if events.due[events.actions[row].event] == 1 and code == OK and control.failure == NO_FAILURE:
+                code = execute(instance, row)
+        if code == OK:
+            end_if_requested(events)
+            record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+        return code
 
     def events_exchange_start(instance: Any, t: float) -> int:
         """Begin at the reported state of time t, s."""
@@ -153,6 +177,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         begin_samples(instance.sampled, t)
         fill_point(instance.search, instance.session, t, instance.q, instance.v, BEGIN)
         note_sides(instance.search, BEGIN)
+        update_durations(instance.events, instance.search, instance.session, t, instance.q, instance.v)
         if makes_jumps and not check_stops(instance):
             return EVENT_FAILED
         return OK
@@ -176,15 +201,24 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         return code
 
     def events_exchange_update(instance: Any, t: float) -> int:
-        """Execute the actions of the events at (t, x), and update; RUN_ENDED_CODE if one of them ends the run."""
+        """Execute the actions of the events at (t, x), and update; RUN_ENDED_CODE if one of them ends the run.
+
+        After PARAMETER_CODE the update continues when it is called again.
+        """
         events, search, control = instance.events, instance.search, instance.events.control[0]
         code: int = report_projected(instance, t)
         if code != OK:
             return code
-        mark_crossings(search)
-        if collect_due(events, search, t, SAME_TIME_RATIO * max(1.0, abs(t))):
-            act(instance)
+        is_event = control.row != NO_ROW
+        if not is_event:
+            mark_crossings(search)
+            note_sides_of_durations(instance, t)
+            is_event = collect_due(events, search, t, SAME_TIME_RATIO * max(1.0, abs(t)))
+        if is_event:
+            code = act(instance)
             pack_states(instance.q, instance.v, instance.exchange)
+        if code != OK:
+            return code
         if control.failure != NO_FAILURE:
             return EVENT_FAILED
         if control.ended == 0 and fill_sample_jump(instance, SAME_TIME_RATIO * max(1.0, abs(t))):
@@ -194,10 +228,12 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         take_sides(search)
         code = update_at(instance, t)
         if code == OK:
-            find_next_time(instance)
             code = evaluate(instance, t)
         if code == OK:
             note_sides(search, HERE)
+            clear_found(search)
+            note_sides_of_durations(instance, t)
+            find_next_time(instance)
         return RUN_ENDED_CODE if code == OK and control.ended == 1 else code
 
     found = events_exchange_start, events_exchange_report, events_exchange_indicate, events_exchange_accept

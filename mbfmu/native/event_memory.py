@@ -83,13 +83,17 @@ class LockRecord(Record):
 
 
 class EventMemory(NamedTuple):
-    """The events of a run, k of which have sensors and m given times, with a actions."""
+    """The events of a run, k of which have sensors and m given times, with a actions.
+
+    Of ``lasting``, ``ways`` and ``since`` see :mod:`mbfmu.session.kernels.event_durations`.
+    """
 
     control: Table[EventControlRecord]  # (1,)
-    numbers: Array  # values of the sensors (k,), times (m,), s, values of actions (a,)
+    numbers: Array  # values of the sensors (k,), times (m,), s, values of actions (a,), ``lasting`` (k,)
     crossed: Array  # parts of it: (k,) values of the sensors
     times: Array  # (m,) s
     values: Array  # (a,) values of inputs and parameters, impulses, coefficients of restitution
+    lasting: Array
     actions: Table[ActionRecord]  # (a,), in the order of the events and of their actions
     locks: Table[LockRecord]  # of the joints that events lock
     nominals: Array  # (k,) typical sizes of the sensors
@@ -97,6 +101,8 @@ class EventMemory(NamedTuple):
     timed: NDArray[np.int64]  # (m,) numbers of the events of given times
     done: NDArray[np.int64]  # (m,) 1: this event has occurred, or is before the start
     due: NDArray[np.int64]  # (events,) 1: the event is at the reported state
+    ways: NDArray[np.int64]
+    since: Array
     parameters: Array  # values of the parameters that events set; nan: no event has set it since it was given
     recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
     bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
@@ -120,23 +126,26 @@ class EventMemory(NamedTuple):
         timed: Sequence[int],
         events: int,
         nominals: Array,
+        ways: Sequence[int],
         parameters: int,
         sizes: tuple[int, int],
     ) -> EventMemory:
         """Return events that have not begun and set ``parameters``; ``sizes`` are nq and n."""
         k, m, z, i = len(sensed), len(timed), np.zeros, np.int64
         nq, n = sizes
-        parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m :]
+        parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m : len(numbers) - k], numbers[len(numbers) - k :]
         which = actions, locks, nominals, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
+        lasting = np.array(ways, i), np.full(k, np.nan)
         history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1))
         scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n), z(nq)
         control = EventControlRecord.zeros(1)
         control["row"] = NO_ROW
-        return EventMemory._make((control, *parts, *which, *history, *scratch))
+        return EventMemory._make((control, *parts, *which, *lasting, *history, *scratch))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        return [self.control, self.numbers, self.locks, self.done, self.parameters, self.recent, self.bounces]
+        own = self.control, self.numbers, self.locks, self.done, self.since, self.parameters, self.recent, self.bounces
+        return [*own]
 
 
 class StepBegin(NamedTuple):
@@ -171,7 +180,8 @@ def event_numbers(mechanism: Any) -> Array:
     crossed = [event.value for event in events if event.sensor is not None]
     times = [event.time for event in events if event.sensor is None]
     values = [_value(action) for event in events for action in event.actions]
-    return np.array([*crossed, *times, *values], float)
+    lasting = [event.lasts for event in events if event.sensor is not None]
+    return np.array([*crossed, *times, *values, *lasting], float)
 
 
 def event_parameters(mechanism: Any) -> list[str]:
@@ -189,7 +199,7 @@ def _value(action: Action) -> float:
 def event_structure(mechanism: Any) -> list[tuple[Any, ...]]:
     """Return what native FMUs have of the events as it is at the export: all but their numbers."""
     return [
-        (event.name, event.sensor is None, event.direction, *map(_structure, event.actions))
+        (event.name, event.sensor is None, event.direction, event.lasts > 0.0, *map(_structure, event.actions))
         for event in mechanism.events
     ]
 
@@ -227,7 +237,8 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
     units = [event.sensor.unit for event in events if event.sensor is not None]
     turns = any(isinstance(action, Lock | Impulse) for event in events for action in event.actions)
     nominals = np.array([compiled.nominal(unit) for unit in units] if turns else np.zeros(len(units)))
-    return EventMemory.allocate(actions, locks, *own_events, nominals, len(tuned), (system.nq, system.n))
+    ways = [event.direction for event in events if event.sensor is not None]
+    return EventMemory.allocate(actions, locks, *own_events, nominals, ways, len(tuned), (system.nq, system.n))
 
 
 def lock_records(compiled: CompiledMechanism) -> Any:
@@ -246,7 +257,7 @@ def lock_records(compiled: CompiledMechanism) -> Any:
 def empty_memory() -> EventMemory:
     """Return events of the types that all have, without any event."""
     records = ActionRecord.zeros(1), LockRecord.zeros(1)
-    return EventMemory.allocate(*records, np.zeros(3), [0], [0], 1, np.zeros(1), 1, (1, 1))
+    return EventMemory.allocate(*records, np.zeros(4), [0], [0], 1, np.zeros(1), [0], 1, (1, 1))
 
 
 def refuse_unsupported(compiled: CompiledMechanism, jumps: bool, locks: bool, size: str) -> None:
@@ -261,13 +272,6 @@ def refuse_unsupported(compiled: CompiledMechanism, jumps: bool, locks: bool, si
         reasons[Restart] = "models with friction of sheets that sticks"
     allowed = ", ".join(kind.__name__ for kind in ACTION_KINDS if kind not in reasons)
     for event in compiled.mechanism.events:
-        if event.lasts:
-            raise UserError(
-                f"native FMUs do not support event {event.name!r}, whose quantity must remain beyond its value for "
-                f"{event.lasts:g} s; allowed: events at crossings and at given times. Remove `lasts`, or export the "
-                "model with --python",
-                "not-native",
-            )
         for action in event.actions:
             if type(action) in reasons:
                 raise UserError(

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from mbfmu.session.event_search import MIN_STEPS_AFTER_RESTART
+from mbfmu.session.kernels.event_durations import update_durations
 from mbfmu.session.kernels.event_search import Search, search_of
 from mbfmu.session.kernels.points import account_discontinuity, check_point, energy_at
 from mbfmu.session.kernels.sequence import Sequence, SolverActions
 from mbfmu.session.sampled_blocks import EQUAL_TIME_SPACINGS
-from solvers.compiled.kernel import jit_uncached
+from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.outcome import OK
 from solvers.resolution import spacing
 
@@ -128,6 +129,7 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
         release_sides(events, instance.search, instance.options[0].rtol)
         end_if_requested(events)
         record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+        note_durations(instance)
         if code == OK and control.failure != NO_FAILURE:
             return EVENT_FAILED
         return code
@@ -138,9 +140,16 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
         is_any: bool = fill_sample_jump(instance, EQUAL_TIME_SPACINGS * spacing(instance.clock[0]))
         if is_any:
             let_jump(instance)
+            note_durations(instance)
         return is_any
 
     return Execution(act, sample)
+
+
+@kernel
+def note_durations(instance: Any) -> None:
+    """Note which sensors are beyond their values at the reported state."""
+    update_durations(instance.events, instance.search, instance.session, instance.clock[0], instance.q, instance.v)
 
 
 def restart_of(family: Any, solver: SolverActions, search: Search) -> Any:
@@ -197,6 +206,8 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
         code: int = advance(instance, due if due < end - slack else end)
         account = instance.energy_account
         check_point(instance.session, instance.clock[0], instance.q, instance.v, account, False)
+        if code == OK:
+            note_durations(instance)
         return code
 
     def events_begin(instance: Any, t: float) -> int:
@@ -207,6 +218,7 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
             begin_events(instance.events, t)
             begin_samples(instance.sampled, t)
             begin_search(instance)
+            note_durations(instance)
             if makes_jumps and not check_stops(instance):
                 return EVENT_FAILED
             is_event = collect_due(instance.events, instance.search, t, 0.0)

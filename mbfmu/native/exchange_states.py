@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.numbering import lockable_joints, states_of
 from mbfmu.mechanics.arrays.tables import has_state
-from mbfmu.mechanics.events import SetInput, SetParameter
+from mbfmu.mechanics.events import SetInput
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
 from mbfmu.session.simulation import Simulation
@@ -71,8 +71,6 @@ def explain_missing_exchange(simulation: Simulation) -> str:
     constant = list_constant_inputs(simulation)
     for event in simulation.compiled.mechanism.events:
         for action in event.actions:
-            if isinstance(action, SetParameter):
-                return f"event {event.name!r} sets parameter {action.name!r}"
             if isinstance(action, SetInput) and action.name in constant:
                 return f"event {event.name!r} sets input {action.name!r}, which is constant in model exchange"
     return ""

@@ -107,7 +107,7 @@ class RunEvents:
         self.ended = self._restarts_next = False
         self.stop: Diagnostic | None = None
         self._search.begin()
-        self._durations.update(t, self._sensor_values())
+        self._durations.update(self._search.memory, run)
 
     def _sizes(self) -> Array:
         """Return the units of the free coordinates."""
@@ -179,7 +179,7 @@ class RunEvents:
         jump = self._samples.jump() if self.stop is None else None
         if jump is not None:
             self._let_jump(jump)
-            self._durations.update(self._run.stepper.t, self._sensor_values())
+            self._durations.update(self._search.memory, self._run)
         return jump is not None
 
     def step(self, end: float) -> None:
@@ -230,7 +230,7 @@ class RunEvents:
             self._next_timed += len(here)
             found += here
         if stepper.status.ok and self._durations.any:
-            self._durations.update(stepper.t, self._sensor_values())
+            self._durations.update(self._search.memory, run)
             found += [self._watching[k] for k in self._durations.take(stepper.t + slack)]
         return sorted(found, key=lambda event: self._order[event.name])
 
@@ -268,7 +268,7 @@ class RunEvents:
                 rises = event.direction > 0 if is_given else self._search.memory.sides[k] > 0
                 direction = "up" if rises else "down"
                 self.records.append(EventRecord(event.name, t, direction, float(before[k]), float(after[k])))
-        self._durations.update(t, after)
+        self._durations.update(self._search.memory, run)
         self._check_rest(found)
         self._check_density(found[0])
         if any(isinstance(action, Lock | Impulse) for event in found for action in event.actions):

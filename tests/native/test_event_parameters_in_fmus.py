@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmpy import read_model_description, simulate_fmu
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.fmi2 import FMU2Model
 
 import mbfmu as mb
 from mbfmu.fmi import Fmu
@@ -145,10 +146,72 @@ def test_a_run_without_restarts_misses_the_barrier() -> None:
         assert result["sled"][-1] == pytest.approx(end, abs=3e-6)
 
 
-def test_an_fmu_whose_events_set_parameters_is_for_co_simulation(path: Path) -> None:
+@pytest.mark.parametrize("values", [{}, {"stiffness": 18.0, "harder": 50.0}])
+def test_events_set_parameters_in_model_exchange(path: Path, values: dict[str, float]) -> None:
+    """Closed form. An impulse after a `SetParameter` of the same event acts on the new mass."""
+    rows = simulate_fmu(
+        str(path), stop_time=2.0, output_interval=0.07, output=NAMES[:2], start_values=values,
+        fmi_type="ModelExchange", relative_tolerance=1e-9, record_events=False,
+    )  # fmt: skip
+    check(rows, NAMES[:2], **values)
+
+
+def test_parameters_of_events_in_model_exchange_are_read_differentiated_saved_and_set(path: Path) -> None:
+    """Closed form: the acceleration is -k x / m with the k of the events and of the importing tool."""
     description = read_model_description(str(path))
-    assert description.coSimulation is not None
-    assert description.modelExchange is None
+    references = {v.name: v.valueReference for v in description.modelVariables}
+    fmu = FMU2Model(
+        guid=description.guid, unzipDirectory=extract(str(path)),
+        modelIdentifier=description.modelExchange.modelIdentifier, instanceName="one",
+    )  # fmt: skip
+    names = list(references)
+    state, rate = references["state.position.body"], references["der(state.velocity.body)"]
+
+    def read(*wanted: str) -> list[float]:
+        return [float(x) for x in fmu.getReal([references[name] for name in wanted])]
+
+    def check_slope(stiffness: float, mass: float) -> None:
+        fmu.setReal([state], [0.1])
+        assert fmu.getReal([rate])[0] == pytest.approx(-0.1 * stiffness / mass, rel=1e-9)
+        slope = fmu.getDirectionalDerivative([rate], [state], [1.0])
+        assert slope == pytest.approx([-stiffness / mass], rel=1e-9)
+
+    assert {"state.position.body", "der(state.velocity.body)"} <= {*names}
+    fmu.instantiate()
+    for _ in range(2):
+        fmu.setupExperiment(startTime=0.0)
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        assert fmu.newDiscreteStates()[4:] == (True, TIMES[0])
+        fmu.enterContinuousTimeMode()
+        check_slope(8.0, 2.0)
+        fmu.setTime(0.5)
+        fmu.setReal([state], [-0.01])
+        assert fmu.completedIntegratorStep() == (True, False)
+        fmu.enterEventMode()
+        assert fmu.newDiscreteStates()[2] is True  # nominal values have changed
+        saved = fmu.getFMUState()
+        assert read("stiffness", "mass") == [32.0, 2.0]
+        fmu.setReal([references["stiffness"]], [5.0])
+        assert read("stiffness") == [5.0]
+        fmu.newDiscreteStates()
+        fmu.enterContinuousTimeMode()
+        check_slope(5.0, 2.0)
+        fmu.setTime(TIMES[1])
+        fmu.enterEventMode()
+        fmu.newDiscreteStates()
+        fmu.enterContinuousTimeMode()
+        assert read("stiffness", "mass", "length") == [5.0, 8.0, 0.8]
+        check_slope(5.0, 8.0)
+        fmu.setFMUState(saved)
+        fmu.setTime(0.5)
+        assert read("stiffness", "mass", "length") == [32.0, 2.0, 0.5]
+        fmu.enterContinuousTimeMode()
+        check_slope(32.0, 2.0)
+        fmu.freeFMUState(saved)
+        fmu.terminate()
+        fmu.reset()
+    fmu.freeInstance()
 
 
 @pytest.mark.campaign

@@ -63,8 +63,8 @@ class Events(Sampled):
         lasts
             Time, s, for which the quantity must remain beyond the value, above it with the direction ``"up"`` and
             below it with ``"down"``: the event occurs at the end of this time, once until the quantity returns. It
-            begins at the start of the run if the quantity is beyond the value there. 0: the event occurs at the
-            crossing.
+            begins at the start of the run if the quantity is at the value or beyond it there. 0: the event occurs at
+            the crossing.
 
         Raises
         ------

@@ -65,19 +65,24 @@ static double *times_of(Instance *own)
     return numbers_at(own, own->header->exchange_times_at);
 }
 
+/* Let values of parameters reach the model, at the present time. */
+static void retune(Instance *own)
+{
+    call_entry_at(own, own->family->exchange_read, clock_of(own)); /* places the bodies for the energy */
+    call_entry(own, own->family->note_energy);
+    put_parameters(own, true);
+    call_entry(own, own->family->retune);
+    times_of(own)[RESTART] = 1.0;
+}
+
 /* Let what was set reach the model, at the present time. */
 void apply_exchange_changes(Instance *own)
 {
     bool tuned = false;
     for (size_t k = 0; k < count_of(own); k++)
         tuned = tuned || (own->flags[k] & GIVEN && own->variables[k].role == ROLE_PARAMETER);
-    if (tuned) {
-        call_entry_at(own, own->family->exchange_read, clock_of(own)); /* places the bodies for the energy */
-        call_entry(own, own->family->note_energy);
-        put_parameters(own, true);
-        call_entry(own, own->family->retune);
-        times_of(own)[RESTART] = 1.0;
-    }
+    if (tuned)
+        retune(own);
     for (size_t k = 0; k < count_of(own); k++) {
         if (own->flags[k] & GIVEN && own->variables[k].role == ROLE_INPUT)
             give(own, own->family->start, k);
@@ -338,6 +343,19 @@ Outcome enter_continuous_mode(Instance *own, const char *call)
     return outcome;
 }
 
+/* Execute the events of the present time, which are interrupted where one sets a parameter, and update; return a code. */
+static int64_t execute_events(Instance *own, bool *restarts)
+{
+    int64_t code;
+    while ((code = call_now(own, own->family->events_exchange_update)) == PARAMETER_REQUESTED) {
+        const EventControl *control = (const EventControl *)(own->block + own->header->events_at);
+        numbers_at(own, own->header->event_values_at)[control->parameter] = control->value;
+        retune(own);
+        *restarts = true;
+    }
+    return code;
+}
+
 /* Update at an event. States are projected onto the constraints, which may change them. */
 Outcome update_events(Instance *own, const char *call, Events *events)
 {
@@ -352,8 +370,7 @@ Outcome update_events(Instance *own, const char *call, Events *events)
     double *x = numbers_at(own, own->header->exchange_x_at), *before = (double *)own->kept; /* a part of the block */
     bool restarts = times_of(own)[RESTART] > 0.0;
     memcpy(before, x, bytes);
-    bool has_events = own->header->has_events != 0;
-    int64_t code = call_now(own, has_events ? own->family->events_exchange_update : own->family->exchange_update);
+    int64_t code = own->header->has_events ? execute_events(own, &restarts) : call_now(own, own->family->exchange_update);
     events->ends = code == RUN_ENDED;
     if (events->ends)
         describe_end(own, own->message);
