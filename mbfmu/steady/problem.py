@@ -72,6 +72,11 @@ class EquilibriumProblem:
         self._held: Sequence[str] = ()  # names of first-order states that keep their start values
         self._lay_out()
         if not compiled.system.has_matrices:
+            if compiled.system.n_states:
+                raise EquilibriumError(
+                    "the model has a mesh of elements and first-order states; steady states of such models are found "
+                    "with few nodes only. Run the model until it is at rest, or leave out the states"
+                )
             data = compiled.data
             self._cyclic = find_cyclic(compiled.system, self._start)
             self._v = self._steady_velocities()

@@ -93,12 +93,12 @@ def eliminates_constraints(name: str, system: AnySystem) -> bool:
 
 def uses_recursions(name: str, system: AnySystem) -> bool:
     """Whether this solver integrates a system that has matrices by its recursions: a large one without constraints, for
-    ``ida`` with a structured tangent.
+    implicit solvers with a structured tangent.
     """
     if not isinstance(system, System) or system.recursions is None:
         return False
     large = not system.m and system.n > MIN_ELIMINATION_COORDINATES
-    return large and (name in UNCONSTRAINED_SOLVERS or (name == "ida" and system.has_tangent))
+    return large and (name in UNCONSTRAINED_SOLVERS or (name in TREE_SOLVERS and system.has_tangent))
 
 
 def recursive_system(system: AnySystem) -> TreeSystem:
@@ -112,13 +112,12 @@ def recursive_system(system: AnySystem) -> TreeSystem:
 
 def eliminates_implicitly(name: str, system: AnySystem) -> bool:
     """Whether this implicit solver integrates a system with its constraints eliminated: there are many, and forces are
-    smooth; for ``esdirk``, which measures errors of meshes at their nodes and of positions alone, there is no mesh and
-    no first-order state.
+    smooth; for ``esdirk``, which measures errors of meshes at their nodes, there is no mesh.
     """
     meshed = name == "esdirk" and getattr(system, "mesh_length", 0.0) > 0.0
     n, m = max((system.n, system.m), system.model_size)
     many = m > MIN_ELIMINATION_CONSTRAINTS and n > MIN_ELIMINATION_COORDINATES and has_loops(system)
-    smooth = not system.nonsmooth_reason and not meshed and not (name == "esdirk" and system.n_states)
+    smooth = not system.nonsmooth_reason and not meshed
     return name in IMPLICIT_ELIMINATION_SOLVERS and many and smooth and hasattr(system.elimination, "tangent")
 
 
@@ -171,13 +170,15 @@ def describe_refusal(name: str, system: AnySystem) -> str:
     if name == "adams-lu" and len(system.nonholonomic):
         return _refusal(name, "has no nonholonomic constraints, such as those of rolling wheels; use 'hybrid'")
     if not isinstance(system, TreeSystem):
-        if system.n and name not in SOLVERS and not eliminates_implicitly(name, system):
+        is_large = eliminates_implicitly(name, system) or uses_recursions(name, system)
+        if system.n and name not in SOLVERS and not is_large:
             return _refusal(
                 name,
-                f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and, "
-                f"if there are loops, more than {MIN_ELIMINATION_CONSTRAINTS} constraint equations, and with neither "
-                f"flexible bodies nor first-order states (this model: joint coordinates {system.n_velocities}, "
-                f"constraint equations {system.m}, first-order states {system.n_states}); use 'ida'",
+                f"is for large models only, with more than {MIN_ELIMINATION_COORDINATES} joint coordinates and "
+                f"first-order states together and, if there are loops, more than {MIN_ELIMINATION_CONSTRAINTS} "
+                "constraint equations, and without flexible bodies (this model: joint coordinates "
+                f"{system.n_velocities}, constraint equations {system.m}, first-order states {system.n_states}); use "
+                "'ida'",
             )
         needs_matrices = system.n_states and system.m and not eliminates_constraints(name, system)
         return describe_large_size(name, system) if needs_matrices else ""

@@ -10,6 +10,7 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.session.simulation import Settings, Simulation
 from solvers.steppers import describe_refusal
 from solvers.steppers.adams.eliminated import EliminatedAdamsStepper
+from solvers.steppers.esdirk.eliminated import EliminatedESDIRKStepper
 from solvers.steppers.ida.eliminated import EliminatedIDAStepper
 
 DURATION = 0.3  # s
@@ -44,3 +45,9 @@ def test_controlled_tower(count: int, size: float) -> None:
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_controlled_tower_by_an_implicit_solver(size: float) -> None:
     expect_motion("ida", EliminatedIDAStepper, 1e-5, 19, size, 1e-4)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_controlled_tower_by_esdirk(size: float) -> None:
+    expect_motion("esdirk", EliminatedESDIRKStepper, 1e-5, 19, size, 1e-4)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from controlled_sheets import carried_sheet
 from running import Running, adopt, follow, needs_linker, pair
 
 from fmus.feeder import Feeder
@@ -38,6 +39,7 @@ MODELS = {
     "sheet that flies": (lambda: Sheet(**GRID, support="free", start_spin=20.0, gravity_y=0.0), 2e-3),
     "stretched sheet": (lambda: Sheet(**GRID, stretch=True), 5e-3),
     "sheet on a table": (fallen_sheet, 4e-3),
+    "controlled sheet": (carried_sheet, 5e-3),
     "feeder": (Feeder, 1e-3),
 }
 

@@ -12,13 +12,14 @@ from mbfmu.mechanics.builder.loading import Acting
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.kind import record_of
 from mbfmu.mechanics.records import NO_JAM
+from solvers.system import TreeSystem
 
 from .assembly import start_positions
 from .scale import joint_sizes
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Data
-    from solvers.system import Array, System
+    from solvers.system import AnySystem, Array
 
 REDUNDANT_SINGULAR_RATIO = 1e-9  # of singular values, relative to the largest
 
@@ -31,12 +32,13 @@ def sticking_loads(mechanism: Mechanism, data: Data) -> Iterator[tuple[Acting, A
             yield acting, data.arrays.memory[place : place + dtype.itemsize].view(dtype)[0]
 
 
-def fill_estimates(mechanism: Mechanism, system: System, data: Data, length: float) -> None:
+def fill_estimates(mechanism: Mechanism, system: AnySystem, data: Data, length: float) -> None:
     """Write the estimates of all loads that stick, at the start positions of a mechanism of this length, m."""
     found = list(sticking_loads(mechanism, data))
     if not found:
         return
-    inertias = coordinate_inertias(system, start_positions(mechanism))
+    dense = system.dense() if isinstance(system, TreeSystem) and system.dense is not None else system
+    inertias = coordinate_inertias(dense, start_positions(mechanism))
     for acting, record in found:
         body = acting.bodies[0]
         if not acting.load.on_joint:
@@ -74,7 +76,7 @@ def unresolved_loads(
     return found
 
 
-def coordinate_inertias(system: System, q: Array) -> Array:
+def coordinate_inertias(system: AnySystem, q: Array) -> Array:
     """Return the inertia that each coordinate moves at positions q (nq,), kg m^2 or kg: 1 / (e M^-1 e) for the
     motions that the constraints allow. Its diagonal entry of M if they do not allow any, or if M is singular.
     """

@@ -76,8 +76,8 @@ class Systems:
         self.row_size = np.concatenate([np.zeros(0), *(row_sizes(c, length) for c in mechanism.constraints)])
         limit = MAX_DENSE_LOOP_COORDINATES if mechanism.constraints else MAX_DENSE_TREE_COORDINATES
         self._nonholonomic = np.array([own for c in mechanism.constraints for own in c.nonholonomic], bool)
-        # flexible bodies, and steady states of models with first-order states, require matrices
-        self._needs_matrices = bool(mechanism.flexible_bodies or numbering.states)
+        # flexible bodies require matrices, and steady states of models with first-order states, except with meshes
+        self._needs_matrices = bool(mechanism.flexible_bodies or (numbering.states and not mechanism.meshes))
         few = len(coupled_states(list(mechanism.loads()))) <= MAX_COUPLED_STATES
         self._can_factor = few and not mechanism.flexible_bodies
         self._large = not self._needs_matrices and numbering.nv > limit
@@ -87,15 +87,20 @@ class Systems:
                 f"the mechanism has wheel {wheel!r}, which rolls without slip, and {numbering.nv} coordinates and "
                 f"states; allowed with nonholonomic constraints: at most {MAX_DENSE_TREE_COORDINATES}. Use fewer bodies"
             )
-        if numbering.states and mechanism.meshes:
-            raise UserError(
-                f"the mechanism has state {numbering.states[0][0]!r} and a mesh of elements; allowed: first-order "
-                "states in mechanisms without meshes. Remove one of the two"
-            )
         if numbering.bearings and mechanism.flexible_bodies:
             raise UserError(
                 "the mechanism has joint friction with a Reaction as the normal force and flexible bodies; allowed: "
                 "rigid bodies. Give normal_force as a number, a signal or a law"
+            )
+        if self._large and numbering.bearings:
+            raise UserError(
+                "the mechanism has joint friction with a Reaction as the normal force and a mesh of elements; allowed: "
+                f"meshes with at most {limit} coordinates and states. Give normal_force as a number, a signal or a law"
+            )
+        if self._large and not few:
+            raise UserError(
+                f"the mechanism has a mesh of elements and more than {MAX_COUPLED_STATES} first-order states of other "
+                f"elements than joint friction; allowed: at most {MAX_COUPLED_STATES}. Use fewer states"
             )
 
     def with_locked_joints(
@@ -173,7 +178,7 @@ class Systems:
         return TreeSystem(
             **self._common(constraint_names, data),
             **_tree_equations(),
-            make_tangent=self.tangent,
+            make_tangent=self.tangent if self._has_tangent else MissingTangent,
             make_missing_tangent=MissingTangent,
             dense=lambda: self.dense(constraint_names, data),
             complex_step=self._complex_step,
@@ -208,7 +213,7 @@ class Systems:
     def _find_mesh_mask(self) -> NDArray[np.bool_]:
         """Return which coordinates are of joints between nodes of a mesh."""
         found = [np.full(body.joint.nv, self._in_mesh(body)) for body in self._free_bodies()]
-        return np.concatenate([np.zeros(0, bool), *found])
+        return np.concatenate([np.zeros(0, bool), *found, np.zeros(len(self._numbering.states), bool)])
 
     def _free_bodies(self) -> list[Body]:
         return [body for body in free_bodies(self._mechanism) if body.index not in self._locked]
@@ -243,7 +248,7 @@ class Systems:
             turning = slowest / self._length if body.index in carrying and "m" not in units else np.inf
             rates = [slowest if unit == "m" else turning for unit in units]
             found.append(np.full(body.joint.nv, np.inf) if self._in_mesh(body) else np.array(rates))
-        return np.concatenate(found)
+        return np.concatenate([*found, np.full(len(self._numbering.states), np.inf)])
 
     def _common(self, constraint_names: list[str], data: Data) -> dict[str, Any]:
         """Return what both have."""

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from solvers.compiled.kernel import kernel
-from solvers.energy_account import fill_account_row, set_uniform_scales
+from solvers.energy_account import fill_account_row, set_state_scales, set_uniform_scales
 from solvers.inertia import clear_growth
 from solvers.outcome import OK
+from solvers.positions import count_velocities
 from solvers.projection.eliminated import CLOSED_RESIDUAL, project
 from solvers.projection.eliminated_crossing import record_accepted
 from solvers.resolution import start_rate
@@ -56,7 +57,9 @@ def prepare(integration: Integration) -> int:
     control.start = 0
     control.starts += 1
     if not control.h > 0.0:
-        control.h = FIRST_STEP_RATIO / start_rate(settings.rate, np.inf, own.loops.size, memory.v, memory.A[0])
+        moving = count_velocities(own.positions, memory.v.shape[0])
+        rate = start_rate(settings.rate, np.inf, own.loops.size, memory.v[:moving], memory.A[0])
+        control.h = FIRST_STEP_RATIO / rate
         if own.inertia[0] == 0.0:
             measure_inertia(control.t, 1.0 / (GAMMA * control.h), newton)
     return OK
@@ -102,6 +105,7 @@ def set_up(integration: Integration, rate: float) -> None:
     control.rank, control.keeps_factors = loops.near[0].rank, 1
     uncontrolled = ESDIRK_RATE_TOLERANCE_RATIO * rate  # errors of rates are not controlled
     set_uniform_scales(integration.scales, settings.rtol, settings.atol, loops.size, uncontrolled, 1)
+    set_state_scales(integration.scales, settings.atol, loops.size, loops.positions.states)
     clear_growth(loops)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import f8
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
+from solvers.positions import count_velocities
 from solvers.steppers.eliminated import tolerance_scale
 from solvers.steppers.eliminated_newton import (
     apply_preconditioner,
@@ -38,6 +39,7 @@ from .formulas import (
     C,
     estimate_error,
     record_energy,
+    set_state_tolerances,
 )
 from .steps import (
     DRIFT_FACTOR,
@@ -118,6 +120,9 @@ def set_tolerances(integration: Integration) -> None:
         stage.tol[k] = scale * (settings.atol * loops.size[k])
     for k in range(stage.in_q.shape[0]):
         stage.tol[stage.in_v[k]] += scale * settings.rtol * abs(memory.q[stage.in_q[k]])
+    for k in range(stage.states.shape[0]):
+        z = stage.states[k]
+        stage.state_tol[z] = stage.tol[z] + scale * settings.rtol * abs(memory.v[z])
 
 
 @kernel
@@ -126,7 +131,8 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
     settings, memory, work = integration.settings[0], integration.memory, integration.work
     control, stage, newton, c = memory.control[0], work.stage, work.newton, 1.0 / (GAMMA * h)
     coarsest = 0.0
-    for k in range(stage.tol.shape[0]):
+    set_state_tolerances(c, stage)
+    for k in range(count_velocities(newton.work.positions, stage.tol.shape[0])):
         coarsest = max(coarsest, stage.tol[k] / newton.work.loops.size[k])
     rounding, motion = ROUNDING_OF_CORRECTIONS / coarsest, (settings.rate * h) ** 2
     tolerance = min(settings.stage_tolerance, DRIFT_FACTOR * motion) if motion > MIN_SQUARED_MOTION else rounding
@@ -245,6 +251,9 @@ def filter_error(c: float, integration: Integration) -> float:
         work.r[i] = c * work.stage.slope[i]
     for i in range(own.dtheta.shape[0]):
         work.r[nq + i] = 0.0
+    for k in range(work.stage.states.shape[0]):
+        z = work.stage.states[k]
+        work.r[nq + z] = c * c * work.stage.dq[z]
     apply_preconditioner(work.y, work.r, work.z, work.newton)
     largest = 0.0
     for i in range(own.dtheta.shape[0]):

@@ -10,7 +10,8 @@ first. With Q_j = N v and A_j = v' in stage j, stage i is at
 Newton moves q_i alone: v_i and A_i follow from it, and where q is an angle or a length c = 1 / (h gamma) makes
 dv = c dq, dA = c^2 dq, so that T = c^2 M + c D + K takes the residual's place. A unit quaternion u stands for the
 position q_i = (u . q_e) u, whose slope is normal to it: the motion is extended to quaternions of any length by taking
-the direction alone, which leaves q' = N(q) v and its order as they are.
+the direction alone, which leaves q' = N(q) v and its order as they are. First-order states are entries of v without
+positions: Newton moves them by c dq, with dq their entry in the solution of T.
 """
 
 from __future__ import annotations
@@ -96,13 +97,15 @@ class Memory(NamedTuple):
     q0: Array  # (nq,) where it began
     slope0: Array  # (nq,)
     slope: Array  # (nq,) where it ended
+    v0: Array  # (n,) first-order states where it began, and their rates
+    a0: Array  # (n,)
     work_ends: Array  # (4,) W there, J, and its power, W, first where it began
     factored_state: Array  # (nq + 2 n + m,) state, accelerations and multipliers the factors were taken at
 
     @staticmethod
     def allocate(nq: int, n: int, m: int) -> Memory:
         """Return zeroed memory."""
-        sizes = nq, n, m, (N_STAGES, nq), (N_STAGES, n), N_STAGES, nq, nq, nq, 4, nq + 2 * n + m
+        sizes = nq, n, m, (N_STAGES, nq), (N_STAGES, n), N_STAGES, nq, nq, nq, n, n, 4, nq + 2 * n + m
         return Memory(records(1, CONTROL), *(np.zeros(size) for size in sizes))
 
 
@@ -121,7 +124,9 @@ class Stage(NamedTuple):
     dq: Array  # (n,) motion
     q_between: Array  # (nq,) a position between the last step and a guess
     tau_start: Array  # (n,) tau where the last step ended
-    tol: Array  # (n,) of positions, as motions
+    tol: Array  # (n,) of positions, as motions; of first-order states that over c
+    state_tol: Array  # (n,) of first-order states
+    c: Array  # (1,) 1/s
     newton_correction: Array  # (n + m,) the last correction of positions and multipliers by Newton
     applied_correction: Array  # (n + m,) the one that was made of it
     df: Array  # (MAX_STAGE_CORRECTIONS, n) changes of corrections, in tolerances, orthonormal
@@ -130,7 +135,8 @@ class Stage(NamedTuple):
     newton_x: Array  # (n,) solution of Newton's equations
     newton_y: Array  # (m,) its multipliers
     gap: Array  # (m,) how far accelerations are off those of the constraints, as a change of the positions
-    guess: Array  # (nq,) first guess of the stage, and its multipliers
+    guess: Array  # (nq,) first guess of the stage, its first-order states and multipliers
+    guessed_v: Array  # (n,)
     guessed_lam: Array  # (m,)
     zero: Array  # (n,)
     no_multipliers: Array  # (m,) zero
@@ -144,9 +150,9 @@ class Stage(NamedTuple):
         """Return zeroed scratch."""
         z = np.zeros
         return Stage(
-            z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(nq), z(n), z(n),
+            z(nq), z(n), z(n), z(m), z(nq), z(nq), z(n), z(n), z(nq), z(n), z(nq), z(n), z(n), z(n), z(1),
             z(n + m), z(n + m), z((MAX_STAGE_CORRECTIONS, n)), z((MAX_STAGE_CORRECTIONS, n + m)), np.zeros(1, np.int64),
-            z(n), z(m), z(m), z(nq), z(m), z(n), z(m), *positions,
+            z(n), z(m), z(m), z(nq), z(n), z(m), z(n), z(m), *positions,
         )  # fmt: skip
 
 
@@ -168,6 +174,18 @@ def predict_stage(eqs: Any, i: int, h: float, memory: Memory, stage: Stage) -> N
         for k in range(stage.v.shape[0]):
             stage.ve[k] += a * memory.A[j, k]
     eqs.retract(stage.q, stage.dq, eqs.data)
+    for k in range(stage.states.shape[0]):
+        z = stage.states[k]
+        stage.v[z] += (C[i] - C[i - 1]) * h * memory.A[i - 1, z]
+
+
+@inlined
+def move_stage(eqs: Any, stage: Stage) -> None:
+    """Move the positions of the stage by stage.dq (n,), and its first-order states."""
+    eqs.retract(stage.q, stage.dq, eqs.data)
+    for k in range(stage.states.shape[0]):
+        z = stage.states[k]
+        stage.v[z] += stage.c[0] * stage.dq[z]
 
 
 @kernel
@@ -213,6 +231,8 @@ def predict_residual(eqs: ComplexStepSystem, t: float, c: float, memory: Memory,
     evaluate_rates(c, stage)
     for k in range(stage.q.shape[0]):
         stage.q_between[k] = memory.q[k]
+    for k in range(stage.states.shape[0]):
+        stage.guessed_v[stage.states[k]] = stage.v[stage.states[k]]
     begin = memory.control[0].t
     eqs.inverse(begin, memory.q, memory.v, memory.A[0], memory.lam, eqs.data, stage.qdot, stage.tau_start)
     for k in range(stage.v.shape[0]):
@@ -232,6 +252,8 @@ def predict_residual(eqs: ComplexStepSystem, t: float, c: float, memory: Memory,
     )
     for k in range(stage.v.shape[0]):
         stage.tau[k] = stage.tau_start[k] + (stage.tau[k] - stage.tau_start[k]) / DIFFERENCE_RATIO
+    for k in range(stage.states.shape[0]):
+        stage.v[stage.states[k]] = stage.guessed_v[stage.states[k]]
 
 
 @kernel
@@ -261,7 +283,7 @@ def correct_stage(eqs: Any, k: int, dq: Reals, dlam: Reals, stage: Stage) -> flo
         stage.dq[i] = -stage.applied_correction[i]
     for i in range(dlam.shape[0]):
         stage.lam[i] -= stage.applied_correction[n + i]
-    eqs.retract(stage.q, stage.dq, eqs.data)
+    move_stage(eqs, stage)
     return size
 
 
@@ -328,12 +350,27 @@ def store_stage(eqs: Equations, i: int, t: float, c: float, works: int, memory: 
 
 @kernel
 def estimate_error(h: float, memory: Any, stage: Any) -> None:
-    """stage.dq <- difference of the positions by the formulas of order 3 and 2, as a motion."""
+    """stage.dq <- difference of the positions by the formulas of order 3 and 2, as a motion; of first-order states that
+    over c.
+    """
     for k in range(stage.slope.shape[0]):
         stage.slope[k] = 0.0
         for j in range(N_STAGES):
             stage.slope[k] += h * (B[j] - EMBEDDED_WEIGHTS[j]) * memory.Q[j, k]
     as_motion(stage.q, stage.slope, stage, stage.dq)
+    for k in range(stage.states.shape[0]):
+        z, error = stage.states[k], 0.0
+        for j in range(N_STAGES):
+            error += h * (B[j] - EMBEDDED_WEIGHTS[j]) * memory.A[j, z]
+        stage.dq[z] = error / stage.c[0]
+
+
+@inlined
+def set_state_tolerances(c: float, stage: Stage) -> None:
+    """Let c be 1 / (h gamma), and set the tolerances that depend on it."""
+    stage.c[0] = c
+    for k in range(stage.states.shape[0]):
+        stage.tol[stage.states[k]] = stage.state_tol[stage.states[k]] / c
 
 
 @kernel
@@ -368,6 +405,9 @@ def accept_step(h: float, after: float, memory: Memory, stage: Any) -> None:
     as_slope(stage.q, stage.v, stage, memory.slope)
     for k in range(stage.q.shape[0]):
         memory.Q[0, k] = memory.slope[k]
+    for k in range(stage.states.shape[0]):
+        z = stage.states[k]
+        memory.v0[z], memory.a0[z] = memory.v[z], memory.A[0, z]
     for k in range(stage.v.shape[0]):
         memory.v[k], memory.A[0, k] = stage.v[k], memory.A[N_STAGES - 1, k]
     for k in range(stage.lam.shape[0]):
@@ -420,6 +460,14 @@ def interpolate(t: float, memory: Any, stage: Any, q: Reals, v: Reals) -> float:
             q[i] /= np.sqrt(square)
             stage.slope[i] /= np.sqrt(square)
     as_motion(q, stage.slope, stage, v)
+    for k in range(stage.states.shape[0]):
+        z = stage.states[k]
+        rise = memory.v[z] - memory.v0[z]
+        bend, skew = (
+            3.0 * rise - h * (2.0 * memory.a0[z] + memory.A[0, z]),
+            h * (memory.a0[z] + memory.A[0, z]) - 2.0 * rise,
+        )
+        v[z] = memory.v0[z] + x * (h * memory.a0[z] + x * (bend + x * skew))
     begin, end, p0, p = memory.work_ends[0], memory.work_ends[1], memory.work_ends[2], memory.work_ends[3]
     rise = end - begin
     bend, skew = 3.0 * rise - h * (2.0 * p0 + p), h * (p0 + p) - 2.0 * rise

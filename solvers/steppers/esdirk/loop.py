@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from solvers.compiled.kernel import inlined, kernel
-from solvers.energy_account import fill_account_row, reset_check_schedule, set_mesh_scales
+from solvers.energy_account import fill_account_row, reset_check_schedule, set_mesh_scales, set_state_scales
 from solvers.inertia import clear_growth
 from solvers.outcome import OK
-from solvers.positions import position_sizes
+from solvers.positions import count_velocities, position_sizes, set_coordinate_rates
 from solvers.projection.tree_constraints import find_rate, project_state, solve_accelerations
 from solvers.resolution import start_rate
 from solvers.steppers.step_control import FIRST_STEP_RATIO
@@ -46,7 +46,8 @@ def prepare(integration: Integration) -> int:
     control.start = 0
     control.starts += 1
     if not control.h > 0.0:
-        rate = start_rate(settings.rate, float("inf"), work.size, memory.v, memory.A[0])
+        moving = count_velocities(work.positions, memory.v.shape[0])
+        rate = start_rate(settings.rate, float("inf"), work.size, memory.v[:moving], memory.A[0])
         control.h = FIRST_STEP_RATIO / rate
     return OK
 
@@ -104,15 +105,14 @@ def set_up(integration: Integration, t: float, known: float, duration: float) ->
     own, control = work.constraints, integration.memory.control[0]
     control.rank, control.keeps_factors = own.root.shape[0], settings.is_smooth
     position_sizes(work.positions, work.size, work.size_q)
-    settings.rate = find_rate(
-        eqs, t, integration.q, integration.v, integration.v.shape[0], work.size, known, duration, own
-    )
+    moving = count_velocities(work.positions, integration.v.shape[0])
+    settings.rate = find_rate(eqs, t, integration.q, integration.v, moving, work.size, known, duration, own)
     rate = ESDIRK_RATE_TOLERANCE_RATIO * settings.rate
     set_mesh_scales(
         scales, settings.rtol, settings.atol, work.size, rate, work.size.shape[0], ESDIRK_RATE_TOLERANCE_RATIO
     )
-    for k in range(work.coordinate_rates.shape[0]):
-        work.coordinate_rates[k] = settings.rate
+    set_state_scales(scales, settings.atol, work.size, work.positions.states)
+    set_coordinate_rates(work.positions, settings.rate, work.coordinate_rates)
     clear_growth(work)
     code: int = project_state(eqs, t, integration.q, integration.v, work.size, own)
     return code

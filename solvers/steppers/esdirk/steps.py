@@ -15,7 +15,7 @@ from solvers.compiled.record import f8, i8
 from solvers.compiled.tuple_pointer import pin
 from solvers.inertia import InertiaRecord, tolerance_factor
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
-from solvers.positions import Positions
+from solvers.positions import Positions, count_velocities
 from solvers.projection.tree_constraints import (
     ConstraintScratch,
     SaddleMemory,
@@ -36,10 +36,12 @@ from .formulas import (
     Stage,
     correct_stage,
     estimate_error,
+    move_stage,
     predict_residual,
     predict_stage,
     record_energy,
     residual,
+    set_state_tolerances,
     store_stage,
     update_inertia_growth,
 )
@@ -133,12 +135,16 @@ def set_tolerances(integration: Integration) -> None:
         stage.tol[k] = ERROR_TOLERANCE_RATIO * (settings.atol * work.size[k])
     for k in range(stage.in_q.shape[0]):
         stage.tol[stage.in_v[k]] += ERROR_TOLERANCE_RATIO * settings.rtol * abs(memory.q[stage.in_q[k]])
+    for k in range(stage.states.shape[0]):
+        stage.tol[stage.states[k]] += ERROR_TOLERANCE_RATIO * settings.rtol * abs(memory.v[stage.states[k]])
     finer = tolerance_factor(settings.rtol, RTOL_EXPONENT, work)
     bend = 0.0
     for k in range(stage.tol.shape[0]):
         stage.tol[k] *= finer
         if work.mesh_mask[k] == 1.0:
             bend = max(bend, stage.tol[k] / work.size[k])
+    for k in range(stage.states.shape[0]):
+        stage.state_tol[stage.states[k]] = stage.tol[stage.states[k]]
     settings.node_tolerance = NODE_TOLERANCE_FACTOR * bend
 
 
@@ -148,7 +154,8 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
     eqs, settings, memory, work = integration.eqs, integration.settings[0], integration.memory, integration.work
     control, stage, c = memory.control[0], work.stage, 1.0 / (GAMMA * h)
     coarsest = 0.0
-    for k in range(stage.tol.shape[0]):
+    set_state_tolerances(c, stage)
+    for k in range(count_velocities(work.positions, stage.tol.shape[0])):
         coarsest = max(coarsest, stage.tol[k] / work.size[k])
     rounding, motion = ROUNDING_OF_CORRECTIONS / coarsest, (settings.rate * h) ** 2
     tolerance = min(settings.stage_tolerance, DRIFT_FACTOR * motion) if motion > MIN_SQUARED_MOTION else rounding
@@ -210,7 +217,7 @@ def apply_change(eqs: Any, stage: Stage) -> None:
     """Change the positions of the stage by minus the solution of Newton's equations."""
     for k in range(stage.dq.shape[0]):
         stage.dq[k] = -stage.newton_x[k]
-    eqs.retract(stage.q, stage.dq, eqs.data)
+    move_stage(eqs, stage)
 
 
 @kernel
@@ -234,7 +241,7 @@ def close_step(t: float, integration: Integration) -> int:
             for k in range(stage.v.shape[0]):
                 stage.gap[row] += terms.J[row, k] * stage.v[k]
         solve_saddle(eqs, stage.zero, stage.gap, work.saddle, stage.newton_x, stage.newton_y)
-        for k in range(stage.v.shape[0]):
+        for k in range(count_velocities(work.positions, stage.v.shape[0])):
             stage.v[k] -= stage.newton_x[k]
     code: int = project_state(eqs, t, stage.q, stage.v, work.size, work.constraints)
     return code
@@ -287,6 +294,8 @@ def store_guess(stage: Stage) -> None:
     """Note where the stage begins."""
     for k in range(stage.q.shape[0]):
         stage.guess[k] = stage.q[k]
+    for k in range(stage.states.shape[0]):
+        stage.guessed_v[stage.states[k]] = stage.v[stage.states[k]]
     for row in range(stage.lam.shape[0]):
         stage.guessed_lam[row] = stage.lam[row]
 
@@ -296,6 +305,8 @@ def restore_guess(stage: Stage) -> None:
     """Return to where the stage began."""
     for k in range(stage.q.shape[0]):
         stage.q[k] = stage.guess[k]
+    for k in range(stage.states.shape[0]):
+        stage.v[stage.states[k]] = stage.guessed_v[stage.states[k]]
     for row in range(stage.lam.shape[0]):
         stage.lam[row] = stage.guessed_lam[row]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solvers.compiled.kernel import kernel, records
 from solvers.compiled.record import Record, f8, i8
 from solvers.compiled.tuple_pointer import pin
-from solvers.energy_account import ENERGY_ACCOUNT, set_energy_scales, set_mesh_scales
+from solvers.energy_account import ENERGY_ACCOUNT, set_energy_scales, set_mesh_scales, set_state_scales
 from solvers.inertia import InertiaRecord, clear_growth
 from solvers.outcome import NOT_FINITE, OK
 from solvers.positions import Positions, count_velocities, position_sizes, set_coordinate_rates
@@ -197,6 +197,7 @@ def set_tolerances(problem: Integration) -> None:
             N,
             MESH_RATE_TOLERANCE_RATIO,
         )
+        set_state_scales(problem.scales, settings.atol, work.size, work.positions.states)
     else:
         problem.scales.rtol[0] = settings.motion_rtol
         set_energy_scales(problem.scales, settings.atol, work.size, work.coordinate_rates)
