@@ -24,6 +24,7 @@ ENTRY_PARTS: dict[str, tuple[str, ...]] = {
     "exchange": ("exchange",),  # model exchange and derivatives
     "steady": ("balance",),  # start in a steady state
     "events": ("events",),  # steps of models with events
+    "profiles": ("locate_contact",),  # warnings of wheels on profiles
 }
 
 
@@ -59,7 +60,7 @@ def complete(family: str) -> Contents:
 
 
 def contents_for(
-    family: str, numbers: Iterable[int], *, exchanges: bool, is_steady: bool, has_events: bool
+    family: str, numbers: Iterable[int], *, exchanges: bool, is_steady: bool, has_events: bool, has_profiles: bool
 ) -> Contents:
     """Return the contents of a library for a model.
 
@@ -75,12 +76,14 @@ def contents_for(
         Whether it starts in a steady state.
     has_events
         Whether it has events.
+    has_profiles
+        Whether it has wheels that roll on profiles.
     """
     called, tables, first = set(numbers), [], 0
     for name, table in kernel_tables().items():
         if not called.isdisjoint(range(first, first + len(table.kernels))):
             tables.append(name)
         first += len(table.kernels)
-    needed = {"exchange": exchanges, "steady": is_steady, "events": has_events}
+    needed = {"exchange": exchanges, "steady": is_steady, "events": has_events, "profiles": has_profiles}
     unused = {part for part, is_needed in needed.items() if not is_needed}
     return Contents(family, (*tables, *(name for name in ENTRY_PARTS if name not in unused)))

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.closing import CLOSURE_MESSAGES
 from mbfmu.mechanics.cuts.rolling import GRIPS
-from mbfmu.mechanics.cuts.rolling_rows import RollingWheelRecord
+from mbfmu.mechanics.kind import record_of
+from mbfmu.mechanics.records import RowRecord
 from mbfmu.modeling.model import Model
 from mbfmu.modeling.parameters import declared, span
 from mbfmu.modeling.settings import Settings
@@ -137,7 +138,12 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     inputs, is_steady = simulation.compiled.inputs, simulation.steady_state is not None
     numbers = (relocation.target for relocation in image.kernels)
     contents = contents_for(
-        family, numbers, exchanges=states is not None, is_steady=is_steady, has_events=has_events(simulation.compiled)
+        family,
+        numbers,
+        exchanges=states is not None,
+        is_steady=is_steady,
+        has_events=has_events(simulation.compiled),
+        has_profiles=any(wheel.surface is not None for wheel in watched_wheels(simulation.compiled)),
     )
     moving = tuple(v.name for k, v in enumerate(inputs.variables) if inputs.moves_support(k))
     provided = states, moving, differentiates, _takes_rates(simulation)
@@ -336,10 +342,17 @@ class _File:
         arrays, lam = self._simulation.compiled.data.arrays, self._image.at(self._instance.lam)
         record = self._image.at(arrays.memory) + int(arrays.cuts["at"][wheel.number])
         places = [lam + 8 * row if row >= 0 else -1 for row in (wheel.normal, *wheel.tangential)]
-        fields = RollingWheelRecord.dtype.fields
+        fields = record_of(self._simulation.compiled.mechanism.cuts[wheel.number].cut).fields
         assert fields is not None  # it has names
-        offsets = [fields[f"{name}_friction"][1] for name in GRIPS["both"]]
-        return self._add_text(wheel.name), *places, *(record + offset for offset in offsets)
+        friction = [record + fields[f"{name}_friction"][1] for name in GRIPS["both"]]
+        names = self._add_text(wheel.name), *places, *friction
+        if wheel.surface is None:
+            return *names, -1, 0, 0, 0, 0, 0
+        rows, row_fields = self._simulation.compiled.data.state.rows, RowRecord.dtype.fields
+        assert row_fields is not None
+        row = self._image.at(rows) + int(arrays.cuts["row"][wheel.number]) * rows.itemsize
+        ends = [record + fields[name][1] for name in ("radius", "crown", "lower", "upper")]
+        return *names, wheel.number, row + row_fields["Phi"][1], *ends
 
     def _array(self, array: ArrayVariable, members: list[tuple[Any, ...]]) -> tuple[int, int]:
         first = len(members)

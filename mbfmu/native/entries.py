@@ -18,6 +18,7 @@ from mbfmu.mechanics.arrays.compile import CompiledElements
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.input_kernels import InputRecords, start_input
 from mbfmu.mechanics.arrays.tables import LINEARIZED, TANGENT_NUMBERS, CalledKernel
+from mbfmu.mechanics.dispatch import cut_monitor
 from mbfmu.mechanics.elimination import closes_by_elimination
 from mbfmu.mechanics.records import ItemRecord, empty_data
 from mbfmu.mechanics.recursions.active_loads import discard_lists
@@ -25,7 +26,7 @@ from mbfmu.mechanics.recursions.dynamics import input_step_limit
 from mbfmu.modeling.variables import COUNTERS
 from mbfmu.session.event_search import search_memory
 from mbfmu.session.kernels.event_points import EventSearch
-from mbfmu.session.kernels.points import Session, begin_session
+from mbfmu.session.kernels.points import Session, begin_session, energy_at
 from mbfmu.session.kernels.sequence import SolverActions, sequence_of
 from mbfmu.session.simulation import Simulation
 from solvers.compiled.kernel import jit_uncached, records, types
@@ -388,6 +389,15 @@ def entries(name: str) -> dict[str, Entry]:
         restored(instance.given, instance.options)
         return OK
 
+    def locate_contact(instance: Any, cut: float) -> int:
+        """Write where a wheel touches its profile in the reported state; ``cut`` is the number of the cut joint."""
+        session, status = instance.session, instance.session.status[0]
+        energy_at(session, instance.clock[0], instance.q, instance.v)  # places the bodies
+        arrays = session.data.arrays
+        found = cut_monitor(arrays.cuts[int(cut)], arrays, session.data.state)
+        status.contact, status.second_contact, status.depth = found
+        return OK
+
     def close(instance: Any) -> int:
         """Free what was allocated outside of the block."""
         closed(instance.given)
@@ -413,6 +423,7 @@ def entries(name: str) -> dict[str, Entry]:
         "count": Entry(count, ()),
         "restore": Entry(restore, ()),
         "close": Entry(close, ()),
+        "locate_contact": Entry(locate_contact, timed),
         **{own: Entry(*entry) for own, entry in exchange.items()},
         **{own: Entry(function, timed) for own, function in events.items()},
     }

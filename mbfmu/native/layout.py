@@ -19,6 +19,7 @@ from mbfmu.modeling.variables import Role, Type
 from mbfmu.session import run_messages
 from mbfmu.session.kernels.points import RUN_STATUS
 from mbfmu.session.tolerances import COARSE_TOLERANCE
+from mbfmu.session.wheel_monitor import PLACE_ROUNDING
 from mbfmu.sheets.elements.bending import ADVICE, MAX_ACCURATE_ANGLE, MAX_VALID_ANGLE
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.balance import PASSAGE_INACCURATE
@@ -96,7 +97,8 @@ LIBRARY = np.dtype([("length", "i8"), ("sum", "i8")])  # bytes of a library that
 NAME_RECORD = np.dtype([("name", "i8")])  # place in the text
 SUPPORT_RECORD = np.dtype([("variable", "i8"), ("unit", "i8")])  # first input of a support; its unit in the text
 # A rolling wheel: its name in the text, places of its multipliers in the block (-1: it has none), and of its
-# coefficients of friction
+# coefficients of friction; number of its cut joint if it rolls on a profile (-1: on a plane), and places of the
+# distance to the profile, of the two radii whose sum is that of the wheel, and of the ends of the profile
 WHEEL_RECORD = np.dtype(
     [
         ("name", "i8"),
@@ -105,6 +107,12 @@ WHEEL_RECORD = np.dtype(
         ("lateral_at", "i8"),
         ("longitudinal_friction_at", "i8"),
         ("lateral_friction_at", "i8"),
+        ("profile_cut", "i8"),
+        ("distance_at", "i8"),
+        ("radius_at", "i8"),
+        ("crown_at", "i8"),
+        ("lower_at", "i8"),
+        ("upper_at", "i8"),
     ]
 )
 
@@ -215,6 +223,8 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "SLOW_PASSAGE_TEXT": run_messages.SLOW_PASSAGE,
     "LIFTING_WHEEL_TEXT": run_messages.LIFTING_WHEEL,
     "SLIPPING_WHEEL_TEXT": run_messages.SLIPPING_WHEEL,
+    "SECOND_CONTACT_TEXT": run_messages.SECOND_CONTACT,
+    "PROFILE_END_TEXT": run_messages.PROFILE_END,
     "UNDETERMINED_FORCES_TEXT": run_messages.UNDETERMINED_FORCES,
 }
 
@@ -253,6 +263,7 @@ def declarations(contents: Contents, entries: Mapping[str, Entry]) -> str:
     lines += [f"#define EVENT_REQUESTED ({EVENT_REQUESTED_CODE})", f"#define PARAMETER_REQUESTED ({PARAMETER_CODE})"]
     lines += [f"#define NEXT_EVENT {NEXT_EVENT}", f"#define RESTART {RESTART}"]
     lines.append(f"#define COARSE_TOLERANCE {COARSE_TOLERANCE!r}")
+    lines.append(f"#define PLACE_ROUNDING {PLACE_ROUNDING!r}")
     lines += [f"#define {name} {json.dumps(str(template))}" for name, template in TEXTS.items()]
     lines.append(f"#define UNFOLD {json.dumps(ADVICE)}")
     words = {"USER_LIBRARY": USER_LIBRARY, "USER_TABLE": USER_TABLE_SYMBOL}

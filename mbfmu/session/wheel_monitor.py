@@ -21,6 +21,7 @@ from solvers.system import Array
 from .kernels.profile_contacts import locate_contact
 from .run_messages import LIFTING_WHEEL, PROFILE_END, SECOND_CONTACT, SLIPPING_WHEEL, TIGHT_TROUGH, filled
 
+PLACE_ROUNDING = 1e-13  # error of the place where a wheel touches its profile due to rounding, relative to its x
 State = tuple[float, Array, Array]  # t (s), q (nq,), v (n,)
 
 
@@ -144,7 +145,7 @@ class WheelMonitor:
             (x, second, depth), record = place.tolist(), self._records[wheel.number]
             radius, name = float(record["radius"] + record["crown"]), wheel.name
             distance = abs(float(compiled.data.state.rows["Phi"][compiled.data.arrays.cuts["row"][wheel.number]]))
-            error = self._tolerance * radius
+            error = self._tolerance * radius + PLACE_ROUNDING * abs(x)
             if depth > distance + error:
                 yield filled(SECOND_CONTACT, time=t, subject=name, name=name, t=t, second=second, depth=depth, x=x)
             low, high = float(record["lower"]), float(record["upper"])

@@ -120,3 +120,45 @@ def test_native_fmu_rolls_as_the_simulation_and_the_closed_form(tmp_path: Path, 
                 values / units, np.array(exact(found["time"], size, push, friction)) / units, atol=2e-6
             )
             assert not said, (size, kind)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bump(mb.Model):
+    """A wheel that rolls over a bump and leaves the points of its profile on the other side."""
+
+    radius: float = mb.parameter(0.3, unit="m", min=1e-4, doc="Radius of the wheel")
+
+    def build(self) -> mb.Mechanism:
+        x = np.linspace(-1.0, 2.2, 33)
+        table = mb.Table(x, 0.06 * (1.0 - np.cos(np.pi * x)) * ((x > 0.0) & (x < 2.0)), kind="akima")
+        m = mb.Mechanism(gravity=(0.0, 0.0, -G))
+        cart = m.body("cart", m.ground, mb.Translational(axis="x", start=-0.5, rate=1.5, fixed=True))
+        lift = m.body("lift", cart, mb.Translational(axis="z", start=self.radius))
+        wheel = m.body("wheel", lift, mb.Revolute(axis="y"), mass=MASS, inertia=(0.1, 0.1, 0.1))
+        road = m.cut("road", mb.RollingWheel(radius=self.radius, profile=table), m.ground, wheel)
+        m.output("way", cart.position("x"))
+        m.output("rate", cart.velocity("x"))
+        m.output("height", lift.position("z"))
+        m.output("normal", road.force("normal"))
+        return m
+
+
+@needs_compiler
+def test_native_fmu_rolls_over_a_bump_and_reports_what_the_simulation_does(tmp_path: Path) -> None:
+    """Behind the bump the wheel has its first velocity again."""
+    settings = mb.Settings(solver="adams", tolerance=1e-8)
+    path = export(Bump(), tmp_path / "bump.fmu", settings, native=True)
+    found, said = run(path, 3.0)
+    simulation = mb.Simulation(Bump(), settings)
+    for row in found[1:]:
+        assert simulation.advance(row["time"]).ok
+        assert [row[name] for name in ("way", "rate", "height", "normal")] == simulation.outputs()[:4].tolist()
+    warned = [d for d in simulation.diagnostics if d.severity == "warning"]
+    assert [d.code for d in warned] == ["profile-end"]
+    assert sorted(said) == sorted(map(str, warned))
+    exchanged, said = run(path, 3.0, "ModelExchange")
+    assert len(said) == 1
+    assert "touches its profile at x = " in said[0]
+    for values in (found, exchanged):
+        assert values["rate"][-1] == pytest.approx(1.5, abs=1e-6)
+        assert values["rate"].min() < 1.0

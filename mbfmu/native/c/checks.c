@@ -272,6 +272,11 @@ static bool good_wheels(const Instance *own)
             !(w->lateral_at == -1 || in_block(h, w->lateral_at, 1, one)) ||
             !in_block(h, w->longitudinal_friction_at, 1, one) || !in_block(h, w->lateral_friction_at, 1, one))
             return false;
+        if (w->profile_cut != -1 &&
+            (!family.locate_contact || !is_index(w->profile_cut, h->size) || !in_block(h, w->distance_at, 1, one) ||
+             !in_block(h, w->radius_at, 1, one) || !in_block(h, w->crown_at, 1, one) ||
+             !in_block(h, w->lower_at, 1, one) || !in_block(h, w->upper_at, 1, one)))
+            return false;
     }
     return true;
 }

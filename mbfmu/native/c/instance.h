@@ -36,7 +36,7 @@ struct Instance {
     bool advanced;  /* no entry point was called since a step, which leaves the equations evaluated at its end */
     bool linearized; /* so is the point of directional derivatives: no entry point was called since */
     bool warned_balance, warned_coarse, warned_near_miss, warned_undetermined, warned_branch;
-    uint64_t warned_lifting, warned_slipping; /* bits of the wheels */
+    uint64_t warned_lifting, warned_slipping, warned_second, warned_end; /* bits of the wheels */
     unsigned reported; /* reasons of discarded evaluations, bits by their codes */
     struct Sundials *sundials; /* NULL: it is not used */
     void *user_library; /* of user-defined kernels; NULL: there are none */

@@ -320,6 +320,29 @@ static void watch_wheel(Instance *own, const Wheel *wheel, uint64_t bit, double 
     own->warned_slipping |= bit;
 }
 
+/* Tell once of a wheel that its profile penetrates at a second place, and once if it is beyond an end of it. */
+static void watch_profile(Instance *own, const Wheel *wheel, uint64_t bit, double tolerance)
+{
+    const char *const texts[] = {text_at(own, wheel->name)};
+    const RunStatus *status = (const RunStatus *)(own->block + own->header->run_status_at);
+    const double t = clock_of(own), distance = fabs(*numbers_at(own, wheel->distance_at));
+    const double lower = *numbers_at(own, wheel->lower_at), upper = *numbers_at(own, wheel->upper_at);
+    call_entry_at(own, own->family->locate_contact, (double)wheel->profile_cut);
+    const double x = status->contact, depth = status->depth;
+    const double radius = *numbers_at(own, wheel->radius_at) + *numbers_at(own, wheel->crown_at);
+    const double error = tolerance * radius + PLACE_ROUNDING * fabs(x);
+    if (depth > distance + error && !(own->warned_second & bit)) {
+        const double numbers[] = {t, x, status->second_contact, depth};
+        warn_filled(own, SECOND_CONTACT_TEXT, numbers, texts);
+        own->warned_second |= bit;
+    }
+    if (!(lower - error <= x && x <= upper + error) && !(own->warned_end & bit)) {
+        const double numbers[] = {x, t, lower, upper};
+        warn_filled(own, PROFILE_END_TEXT, numbers, texts);
+        own->warned_end |= bit;
+    }
+}
+
 /* Compare the forces of rolling wheels at the time reached, as mbfmu/session/wheel_monitor.py does. */
 void watch_wheels(Instance *own)
 {
@@ -333,4 +356,7 @@ void watch_wheels(Instance *own)
         largest = fmax(largest, fabs(force_at(own, wheels[k].normal_at)));
     for (int64_t k = 0; k < h->wheels_count; k++)
         watch_wheel(own, wheels + k, UINT64_C(1) << (k < 63 ? k : 63), options->rtol * largest);
+    for (int64_t k = 0; k < h->wheels_count; k++)
+        if (wheels[k].profile_cut != -1)
+            watch_profile(own, wheels + k, UINT64_C(1) << (k < 63 ? k : 63), options->rtol);
 }

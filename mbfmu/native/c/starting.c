@@ -146,7 +146,7 @@ Outcome start_anew(Instance *own)
     }
     own->untouched = false;
     own->warned_balance = own->warned_coarse = own->warned_near_miss = own->warned_undetermined = own->warned_branch = false;
-    own->warned_lifting = own->warned_slipping = 0;
+    own->warned_lifting = own->warned_slipping = own->warned_second = own->warned_end = 0;
     for (size_t k = 0; k < count_of(own); k++)
         own->flags[k] &= (unsigned char)~JUMP_REPORTED;
     put_options(own);

@@ -51,6 +51,9 @@ class RunStatusRecord(Record):
     before: f8  # J, energy before parameters change
     limit_ratio: f8  # of elements at the last communication point, see mbfmu.mechanics.loads.base
     discontinuity_work: f8  # J, work done by jumps of inputs and of parameters so far
+    contact: f8  # m, result of :func:`.profile_contacts.locate_contact` for the wheel that a native run examined last
+    second_contact: f8
+    depth: f8
 
 
 RUN_STATUS = RunStatusRecord.dtype
