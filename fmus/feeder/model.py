@@ -140,6 +140,12 @@ class Feeder(Model):
         doc="Optional effect: displacement of the sheet under the friction limit before it slides, on guides and on "
         "rollers at rest; 0: friction is a function of the slip velocity",
     )
+    static_ratio: float = parameter(
+        1.0, min=1.0, max=10.0, doc="Ratio of static friction to friction of sliding; above 1 it requires a deflection"
+    )
+    stribeck: float = parameter(
+        0.01, unit="m/s", min=1e-9, doc="Slip velocity at which static friction decreases to that of sliding"
+    )
     mu_guide: float = parameter(
         0.2, min=0.0, max=10.0, doc="Optional effect: friction coefficient of guides and wall; 0: no friction"
     )
@@ -344,6 +350,9 @@ class Feeder(Model):
                 idler_friction=self.mu_idler,
                 creep=self.creep,
                 deflection=self.deflection or None,
+                static=self._static(self.mu_roller),
+                idler_static=self._static(self.mu_idler),
+                stribeck=self.stribeck,
                 idler=idler,
             )
             found.append(nip)
@@ -404,6 +413,10 @@ class Feeder(Model):
             surfaces["chute"] = chute(route, self.chute_angle, self.length, off, wide)
         return [self._contact(m, sheet, name, surface) for name, surface in surfaces.items()]
 
+    def _static(self, friction: float) -> float:
+        """Return the coefficient of static friction where this is that of sliding."""
+        return self.static_ratio * friction
+
     def _contact(
         self, m: Mechanism, sheet: SheetHandle, name: str, surface: Surface, stiffness: float | None = None
     ) -> SurfaceContactHandle:
@@ -418,6 +431,8 @@ class Feeder(Model):
             surface,
             friction=self.mu_guide,
             deflection=self.deflection or None,
+            static=self._static(self.mu_guide),
+            stribeck=self.stribeck,
             stiffness=stiffness,
             damping=self.guide_damping,
             points=CONTACT_POINTS,

@@ -23,6 +23,7 @@ from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.util.errors import UserError, short
 
 from .contact.nip import RollerNip
+from .contact.static_friction import check_static
 from .contact.surface_contact import SurfaceContact
 from .contact.surfaces import Surface
 from .contact_handles import NipHandle, SurfaceContactHandle
@@ -55,6 +56,8 @@ def add_contact(
     damping: float = 1.0,
     creep: float = 1e-3,
     deflection: float | None = None,
+    static: float | None = None,
+    stribeck: float | None = None,
     points: tuple[int, int] = (4, 4),
 ) -> SurfaceContactHandle:
     """Add contact between a sheet, on both faces, and a rigid surface.
@@ -84,6 +87,12 @@ def add_contact(
         Displacement of a contact point under the load mu N before it slides, m: friction that sticks. A sheet at rest
         does not creep, and ``creep`` is the slip velocity at which the damping of this elasticity has the force mu N.
         None: friction is a function of the slip velocity.
+    static
+        Coefficient of static friction, at least ``friction``: a contact point breaks away under ``static`` times its
+        normal force. It requires a ``deflection``. None: the same as ``friction``.
+    stribeck
+        Slip velocity vs, m/s, of the decrease from ``static`` to ``friction`` as exp(-(v / vs)^2). Required if
+        ``static`` is larger than ``friction``. It should be several times ``creep``.
     points
         Number of contact points of every cell along x and z.
 
@@ -128,6 +137,8 @@ def add_contact(
         "friction": friction,
         "friction_velocity": creep,
         "deflection": deflection if deflection is not None and friction > 0.0 else 0.0,
+        "static": check_static("static", what, static, friction, stribeck, deflection),
+        "stribeck": np.inf if stribeck is None else stribeck,
     }
     holder = mechanism.ground if body is None else body
     loads = [
@@ -161,6 +172,9 @@ def add_nip(
     creep: float = 2e-3,
     least: float = 1e-3,
     deflection: float | None = None,
+    static: float | None = None,
+    idler_static: float | None = None,
+    stribeck: float | None = None,
     contact: float | None = None,
     entry: float | None = None,
     stiffness: float | None = None,
@@ -200,6 +214,11 @@ def add_nip(
         Displacement of the sheet on a roller at rest under the load mu N before it slides, m: friction that sticks. A
         sheet in a nip at rest does not creep. ``creep`` and ``least`` then are the slip at which the traction has its
         largest value. None: friction is a function of the slip velocity.
+    static, idler_static
+        Coefficients of static friction of the roller, and of an idler with a body, at least those of sliding. They
+        require a ``deflection``. None: the same as those of sliding.
+    stribeck
+        Slip velocity vs, m/s, of the decrease from static friction to that of sliding as exp(-(v / vs)^2).
     contact, entry
         Distance of the two contact points along the feed, and length over which an edge enters, m; None: 1/300 of the
         longer side of the sheet, and 0.4 of the radius, where the gap of the rollers is 0.16 of the radius.
@@ -285,6 +304,9 @@ def add_nip(
         "creep": creep,
         "friction_velocity": least,
         "deflection": deflection or 0.0,
+        "static": check_static("static", what, static, friction, stribeck, deflection),
+        "idler_static": check_static("idler_static", what, idler_static, idler_friction, stribeck, deflection),
+        "stribeck": np.inf if stribeck is None else stribeck,
     }
     turning = (roller,) if idler is None else (roller, idler)
     loads = [

@@ -53,12 +53,12 @@ def add_block(m: Mechanism, size: float = 1.0, axes: Any = None, nodes: int = 7,
 
 def on_table(
     *, slope: float = 0.0, load: float = 0.0, table: Body | None = None, mechanism: Mechanism | None = None,
-    size: float = 1.0, axes: Any = None, push: Any = None, **options: Any,
+    size: float = 1.0, axes: Any = None, push: Any = None, law: dict[str, Any] | None = None, **options: Any,
 ) -> Mechanism:  # fmt: skip
     """A block that rests on a table at the depth at which this carries its weight.
 
-    ``load`` is the amplitude of an acceleration along x by forces, at 1 Hz, and ``push`` an acceleration over mu g.
-    Times are in units of sqrt(``size``).
+    ``load`` is the amplitude of an acceleration along x by forces, at 1 Hz, and ``push`` an acceleration over mu g;
+    ``law`` changes the contact. Times are in units of sqrt(``size``).
     """
     Q, rate = np.eye(3) if axes is None else axes, 1.0 / np.sqrt(size)
     m = Mechanism() if mechanism is None else mechanism
@@ -68,7 +68,7 @@ def on_table(
     law = {
         "friction": FRICTION, "creep": CREEP * size * rate, "deflection": DEFLECTION * size, "points": (2, 2),
         "stiffness": 2.0 * weight / depth, "depth": depth, "damping": rate,
-    }  # fmt: skip
+    } | (law or {})  # fmt: skip
     place = Q @ (0.0, depth - 0.5 * THICKNESS * size, 0.0)
     contact = add_contact(m, "table", strip, Wall(at=place, normal=Q[:, 1]), body=table, **law)
     for row in strip.nodes if load or push else ():
@@ -147,11 +147,14 @@ def test_below_breakaway_a_sheet_returns() -> None:
     np.testing.assert_allclose(x[-20:], x[21:41], atol=2e-4 * DEFLECTION)
 
 
-def test_beyond_breakaway_a_sheet_sticks_and_slides_in_turn() -> None:
-    found = run(on_table(load=1.5 * SLIDES), 3.0, 0.05)
-    x, t = found["x"] - found["x"][0], 0.05 * np.arange(61)
-    expected = block_motion(t, lambda t: 1.5 * SLIDES * np.sin(2.0 * np.pi * t))
-    np.testing.assert_allclose(x, expected, atol=1e-3 * np.ptp(expected))
+@pytest.mark.parametrize("share", [1.2, 1.5, 2.0, 3.0])
+def test_beyond_breakaway_a_sheet_sticks_and_slides_in_turn(share: float) -> None:
+    """From 1.86 on it reverses without a rest. Steps that end at a breakaway keep the error below 5 tolerances."""
+    tolerance = 1e-5
+    found = run(on_table(load=share * SLIDES), 2.0, 0.05, tolerance=tolerance)
+    x, t = found["x"] - found["x"][0], 0.05 * np.arange(41)
+    expected = block_motion(t, lambda t: share * SLIDES * np.sin(2.0 * np.pi * t))
+    np.testing.assert_allclose(x, expected, atol=5.0 * tolerance * LENGTH)
 
 
 @pytest.mark.parametrize("share", [0.5, 1.5])
@@ -365,10 +368,11 @@ def test_deflections_are_positive(value: float) -> None:
         in_nip(0.5, deflection=value)
 
 
-def test_the_example_of_the_page_on_transport(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_examples_of_the_page_on_transport(capsys: pytest.CaptureFixture[str]) -> None:
     page = (Path(__file__).parents[2] / "docs/transport.md").read_text()
-    (block,) = (text for text in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "deflection" in text)
-    exec(compile(block, "docs/transport.md", "exec"), {})
-    printed = capsys.readouterr().out.strip()
-    assert f"print(x[-1] - x[0] < 2e-5, abs(x[-1] - x[1]) < 1e-12)  # {printed}" in block
-    assert printed == "True True"
+    names: dict[str, Any] = {}
+    blocks = [text for text in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "deflection" in text]
+    for block, values in zip(blocks, ("True True", "True"), strict=True):
+        exec(compile(block, "docs/transport.md", "exec"), names)
+        assert capsys.readouterr().out.strip() == values
+        assert f"  # {values}" in block

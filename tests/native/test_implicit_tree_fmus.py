@@ -28,7 +28,7 @@ CASES: dict[str, tuple[Model, str]] = {
     "sheet, esdirk": (Sheet(nx=7, nz=5), "esdirk"),
     "feeder, esdirk": (Feeder(), "esdirk"),
     "feeder that sticks, esdirk": (
-        Feeder(path="straight", nips=1, lead=0.055, stop_at=0.06, deflection=1e-5, nx=9, nz=5),
+        Feeder(path="straight", nips=1, lead=0.055, stop_at=0.06, deflection=1e-5, static_ratio=1.4, nx=9, nz=5),
         "esdirk",
     ),
 }

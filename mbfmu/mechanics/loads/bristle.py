@@ -72,12 +72,18 @@ def deflection_of(force: BristleRecord) -> float:
     return force.deflection if force.deflection.real > 0.0 else force.estimated_deflection
 
 
+@inlined
+def stribeck_factor(coulomb: float, static: float, stribeck: float, square: float) -> float:
+    """g = 1 + (static / coulomb - 1) exp(-(v / stribeck)^2) at the slip v whose square is given."""
+    decay = np.exp(-square / (stribeck * stribeck))
+    return 1.0 + (static / coulomb - 1.0) * decay
+
+
 @kernel
 def stribeck_ratio(force: BristleRecord, square: float) -> float:
     """g at the slip whose square is given."""
     if force.static.real > force.coulomb.real:
-        decay = np.exp(-square / (force.stribeck * force.stribeck))
-        return 1.0 + (force.static / force.coulomb - 1.0) * decay
+        return stribeck_factor(force.coulomb, force.static, force.stribeck, square)
     return 1.0 + 0.0 * square
 
 

@@ -1,10 +1,6 @@
 """Anchors of the bristles of a contact, which are moved at the end of every accepted step; see :mod:`.bristles`.
 
-Two events within a step are not seen in its error. A load may exceed the friction for a while: implicit methods follow
-a point that sticks as if its deflection were a function of the load. So a step is limited to MAX_DEFLECTION_CHANGE d /
-|v| by every point that sticks with |v| < 2 v_r. And a point that slides may stop and return, while its deflection is
-mapped from that at the beginning. So a step is limited to (|v| + v_r) |v| / (-a . v) by every point that slides with
-|v| > v_r, where a is the mean acceleration of the last step: it ends when the point has about stopped.
+The next step is limited by every point in contact, see :mod:`.breakaway`.
 """
 
 from __future__ import annotations
@@ -15,10 +11,10 @@ import numpy as np
 
 from solvers.compiled.kernel import kernel
 
+from .breakaway import longest_deflecting_step, time_to_corner
 from .bristles import (
     ANCHOR_SIZE,
     IS_ANCHORED,
-    MAX_DEFLECTION_CHANGE,
     POINT_HISTORY_SIZE,
     SLIP,
     TIME,
@@ -33,7 +29,7 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
     from mbfmu.sheets.contact.scratch import ContactScratch
     from mbfmu.sheets.contact.surface_force import SurfaceContactRecord
-    from solvers.compiled.record import Reals, Table
+    from solvers.compiled.record import Reals
 
 
 @kernel
@@ -64,8 +60,11 @@ def move_anchors(contact: SurfaceContactRecord, taken: float, arrays: Arrays, st
                 if gap(contact, arrays, state) < 0.0 and here.part > 0.0:
                     sticks = map_anchor(contact, before, after, numbers, here)
                     evaluate_weights(contact, i / nx, k / nz, here.c)
-                    last = numbers[before + SLIP : before + POINT_HISTORY_SIZE]
-                    longest = min(longest, longest_slip_step(contact, sticks, taken, bodies, last, here))
+                    point_velocity(contact, here.c, bodies, here.v)
+                    since = taken if numbers[before] == 1.0 else np.inf  # in contact
+                    anchor, last = numbers[after : before + SLIP], numbers[before + SLIP : before + POINT_HISTORY_SIZE]
+                    limit = longest_slip_step(contact, sticks, since, anchor, last, bodies[contact.body], here)
+                    longest = min(longest, limit)
             is_anchored += numbers[before] + numbers[after]
     numbers[head + IS_ANCHORED] = 1.0 if is_anchored > 0.0 else 0.0
     return longest
@@ -98,24 +97,25 @@ def map_anchor(contact: SurfaceContactRecord, before: int, after: int, numbers: 
 
 @kernel
 def longest_slip_step(
-    contact: SurfaceContactRecord, sticks: bool, taken: float, bodies: Table[MotionRecord], last: Reals,
+    contact: SurfaceContactRecord, sticks: bool, taken: float, anchor: Reals, last: Reals, body: MotionRecord,
     here: ContactScratch,
 ) -> float:  # fmt: skip
-    """Longest next step after one of ``taken`` by a point at here.r with the weights here.c and the normal here.f, s.
+    """Longest next step after one of ``taken`` by a point at here.r with the velocity here.v, s.
 
-    ``last`` (3,) is its slip velocity at the end of the step before, and then at the end of this one.
+    ``anchor`` is its anchor. ``last`` (3,) is its slip velocity at the end of the step before, and then at the end of
+    this one, in the axes of the surface.
     """
-    v, n, rate = here.v, here.f, contact.friction_velocity
-    point_velocity(contact, here.c, bodies, v)
-    subtract_surface_velocity(bodies[contact.body], here)
-    leaving, square, change = v[0] * n[0] + v[1] * n[1] + v[2] * n[2], 0.0, 0.0
+    d, scale, v, p, n, A = contact.deflection, contact.friction_velocity, here.v, here.p, here.n, body.A
+    subtract_surface_velocity(body, here)
+    leaving, off = 0.0, 0.0
     for j in range(3):
-        slip = v[j] - leaving * n[j]
-        square, change = square + slip * slip, change + (slip - last[j]) * slip
+        leaving, off = leaving + v[j] * here.f[j], off + (p[j] - anchor[1 + j]) * n[j]
+    uu, ur, rr, vv, aa = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(3):
+        slip = A[0, j] * v[0] + A[1, j] * v[1] + A[2, j] * v[2] - leaving * n[j]
+        a = (slip - last[j]) / taken
+        u, r = (p[j] - anchor[1 + j] - off * n[j]) / d + slip / scale, a / scale + (slip / d if sticks else 0.0)
+        uu, ur, rr, vv, aa = uu + u * u, ur + u * r, rr + r * r, vv + slip * slip, aa + a * a
         last[j] = slip
-    size = np.sqrt(square)
-    if sticks and 0.0 < size < 2.0 * rate:
-        return MAX_DEFLECTION_CHANGE * contact.deflection / size
-    if not sticks and size > rate and change < 0.0:
-        return taken * (square + rate * size) / -change
-    return np.inf
+    longest = time_to_corner(uu, ur, rr)
+    return min(longest, longest_deflecting_step(d, scale, vv, aa)) if sticks else longest

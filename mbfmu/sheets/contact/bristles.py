@@ -7,7 +7,9 @@ the Coulomb force mu N, the tangential velocity v and the projection onto the un
 
 d is the deflection at which the point slides, and v_r the velocity at which the damping alone has the force mu N. A
 point at rest does not creep: v = 0 and e = d F / (mu N) hold a load F < mu N. A point that slides faster than 2 v_r has
-the Coulomb force for any e. All is scaled by N, so that a point slides if N is zero.
+the Coulomb force for any e. All is scaled by N, so that a point slides if N is zero. With a coefficient of static
+friction mu_s larger than mu, f is multiplied by g(v) = 1 + (mu_s / mu - 1) exp(-(|v| / v_s)^2), the law of Stribeck
+(:mod:`mbfmu.mechanics.loads.bristle`): a point breaks away under mu_s N at the same deflection d.
 
 The anchor is moved where |e| > d, to a + (1 - d / |e|) e: the return mapping of elasto-plasticity (Simo, Laursen 1992,
 Computers & Structures 42). It is moved at the ends of accepted steps (:mod:`.anchors`). Within a step the same mapping
@@ -17,9 +19,9 @@ the step has e = 0.
 
 **History** of a contact, in ``Arrays.numbers`` from its field ``history`` on: TIME of the end of the last accepted
 step, s; whether any point IS_ANCHORED; and for every point two anchors, of the beginning and of the end of this step: 1
-if it has one, and its place in the axes of the surface, m; and its slip velocity at the end, m/s. The first anchor is
-used up to TIME, the second one after it: solvers evaluate states within the last step, for outputs, and continue from
-there after a change of an input.
+if it has one, and its place, m; and its slip velocity at the end, m/s; both in the axes of the surface. The first
+anchor is used up to TIME, the second one after it: solvers evaluate states within the last step, for outputs, and
+continue from there after a change of an input.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbfmu.mechanics.loads.bristle import stribeck_factor
 from solvers.compiled.kernel import inlined, kernel
 
 if TYPE_CHECKING:
@@ -39,7 +42,6 @@ TIME, IS_ANCHORED, FIRST_ANCHOR = 0, 1, 2  # places in the history of a contact
 ANCHOR_SIZE = 4  # numbers of an anchor
 SLIP = 2 * ANCHOR_SIZE  # place of the slip velocity among the numbers of a point
 POINT_HISTORY_SIZE = SLIP + 3
-MAX_DEFLECTION_CHANGE = 0.5  # of a bristle in one step, in deflections d
 MIN_STEP_BACK_RATIO = 1e-3  # of a step: it began earlier than the last one ended, by more than rounding
 
 
@@ -103,6 +105,10 @@ def find_friction_direction(
     x, y, z = limit_to_unit(
         x + v[0] / contact.friction_velocity, y + v[1] / contact.friction_velocity, z + v[2] / contact.friction_velocity
     )
+    if contact.static.real > contact.friction.real:
+        square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+        g = stribeck_factor(contact.friction, contact.static, contact.stribeck, square)
+        x, y, z = g * x, g * y, g * z
     slip = x * v[0] + y * v[1] + z * v[2]
     v[0], v[1], v[2] = x, y, z
     return slip

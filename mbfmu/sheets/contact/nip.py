@@ -138,6 +138,9 @@ class NipRecord(Record):
     creep: f8
     friction_velocity: f8  # slip v_r at rest, m/s
     deflection: f8  # d of the bristles, m; 0: there are none
+    static: f8  # mu_s of the roller
+    idler_static: f8
+    stribeck: f8  # v_s, m/s
 
 
 @kernel

@@ -19,7 +19,9 @@ STEP_LENGTH, s; and for every station, of the roller and of the idler, two brist
 this step: 1 if there is one; xi and zeta counted over all cells; the point of the roller that touches the sheet, over
 its radius, in the axes of the roller; and z and the slip (m/s) along d and e.
 
-Steps are limited as by the points of a surface (:mod:`.anchors`) if the roller is slower than S, and such that the
+A coefficient of static friction that is larger than mu multiplies f by g(s) as in :mod:`.bristles`.
+
+Steps are limited as by the points of a surface (:mod:`.breakaway`) if the roller is slower than S, and such that the
 roller turns by MAX_TURN_ANGLE at most: its rotation in a step is known up to half a turn.
 """
 
@@ -29,9 +31,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mbfmu.mechanics.loads.bristle import stribeck_factor
 from solvers.compiled.kernel import inlined, kernel
 
-from .bristles import MAX_DEFLECTION_CHANGE, limit_to_unit, replaces_last_step
+from .breakaway import longest_deflecting_step, time_to_corner
+from .bristles import limit_to_unit, replaces_last_step
 from .patch import apply_reaction
 from .scratch import MOVE_ANCHORS
 
@@ -126,24 +130,22 @@ def store_bristle(
 
 
 @kernel
-def longest_station_step(nip: NipRecord, before: int, scale: float, numbers: Reals) -> float:
-    """Longest next step by a station whose bristles are at ``before``, s; ``scale`` is S."""
-    after = before + BRISTLE_SIZE
-    z_d, z_e, s_d, s_e = (
-        numbers[after + 6].real,
-        numbers[after + 7].real,
-        numbers[after + 8].real,
-        numbers[after + 9].real,
-    )
-    square, sticks = s_d * s_d + s_e * s_e, z_d * z_d + z_e * z_e < 1.0
-    if sticks:
-        if 0.0 < square < 4.0 * scale * scale:
-            return MAX_DEFLECTION_CHANGE * nip.deflection.real / np.sqrt(square)
-        return np.inf
-    change = (s_d - numbers[before + 8].real) * s_d + (s_e - numbers[before + 9].real) * s_e
-    if numbers[before].real == 1.0 and square > scale * scale and change < 0.0:
-        return numbers[nip.history + STEP_LENGTH].real * (square + scale * np.sqrt(square)) / -change
-    return np.inf
+def longest_station_step(nip: NipRecord, before: int, scale: float, speed: float, numbers: Reals) -> float:
+    """Longest next step by a station whose bristles are at ``before``, s; ``scale`` is S, and ``speed`` that of the
+    roller, m/s.
+    """
+    after, taken, d = before + BRISTLE_SIZE, numbers[nip.history + STEP_LENGTH].real, nip.deflection.real
+    if numbers[before].real == 0.0:  # not in contact
+        taken = np.inf
+    sticks = numbers[after + 6].real ** 2 + numbers[after + 7].real ** 2 < 1.0
+    uu, ur, rr, vv, aa = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(6, 8):
+        z, slip = numbers[after + j].real, numbers[after + j + 2].real
+        a = (slip - numbers[before + j + 2].real) / taken
+        u, r = z + slip / scale, a / scale + ((slip - speed * z) / d if sticks else 0.0)
+        uu, ur, rr, vv, aa = uu + u * u, ur + u * r, rr + r * r, vv + slip * slip, aa + a * a
+    longest = time_to_corner(uu, ur, rr)
+    return min(longest, longest_deflecting_step(d, scale, vv, aa)) if sticks else longest
 
 
 @inlined
@@ -179,13 +181,17 @@ def find_friction_direction(
     if here.accumulate_only == MOVE_ANCHORS:
         store_bristle(nip, before + BRISTLE_SIZE, xi, zeta, (z_d, z_e), (sd, se), numbers, body)
         if speed.real < (scale * scale).real:
-            longest = longest_station_step(nip, before, scale.real, numbers)
+            longest = longest_station_step(nip, before, scale.real, np.sqrt(speed.real), numbers)
             here.result[LONGEST_STEP_PLACE] = min(here.result[LONGEST_STEP_PLACE].real, longest)
         if speed.real > 0.0:
             here.result[LONGEST_STEP_PLACE] = min(
                 here.result[LONGEST_STEP_PLACE].real, MAX_TURN_ANGLE * abs(R) / np.sqrt(speed.real)
             )
     x, y, zero = limit_to_unit(z_d + sd / scale, z_e + se / scale, 0.0 * sd)
+    friction, static = (nip.friction, nip.static) if which == ROLLER else (nip.idler_friction, nip.idler_static)
+    if static.real > friction.real:
+        g = stribeck_factor(friction, static, nip.stribeck, sd * sd + se * se)
+        x, y = g * x, g * y
     return x, y, zero + 1.0
 
 

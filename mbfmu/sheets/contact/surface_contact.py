@@ -46,6 +46,8 @@ class SurfaceContact(Load):
     friction: float
     friction_velocity: float
     deflection: float = 0.0
+    static: float = 0.0
+    stribeck: float = np.inf
 
     @property
     def slip_scale(self) -> float:
@@ -76,7 +78,8 @@ class SurfaceContact(Load):
         record["samples"], record["ends"] = self.samples, self.ends
         record["a"], record["b"] = self.sides
         record["half"], record["passage"] = 0.5 * self.thickness, self.surface.passing_depth()
-        for key in ("stiffness", "depth", "damping", "friction", "friction_velocity", "deflection"):
+        law = "stiffness", "depth", "damping", "friction", "friction_velocity", "deflection", "static", "stribeck"
+        for key in law:
             record[key] = getattr(self, key)
         if self.deflection > 0.0:
             record["history"] = site.history(history_size(self.samples))

@@ -73,6 +73,8 @@ class SurfaceContactRecord(Record):
     friction: f8  # mu
     friction_velocity: f8  # v_r, m/s
     deflection: f8  # d of the bristles, m; 0: there are none
+    static: f8  # mu_s
+    stribeck: f8  # v_s, m/s
 
 
 @kernel
