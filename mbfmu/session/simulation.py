@@ -27,7 +27,7 @@ from .element_monitor import ElementMonitor
 from .energy_check import EnergyCheck
 from .events import RunEvents, Setters, describe_earlier_events
 from .failure_diagnosis import explain_rates, find_undetermined_rates, free_rates
-from .kept_starts import KeptStart, Start
+from .kept_starts import KeptStart, MemoryImage, Start
 from .kernels.points import Session, begin_session
 from .locked_joints import LockedJoints
 from .run_messages import SINGULAR_START, filled
@@ -266,9 +266,11 @@ class Simulation(RunProgress):
             return
         options = replace(self._options, max_steps=MAX_WARMUP_STEPS)
         q, v = self.compiled.locks.free_coordinates(q, v)
+        memory = MemoryImage([array for array in self.compiled.data.state if isinstance(array, np.ndarray)])
         with self.compiled.histories_kept():
             if compile_kernels(self._created_stepper(t0, q, v, options), self.compiled, len(self._out)):
                 _compiled.add(kind)
+        memory.restore()  # the first run in a process is as any other
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Refuse to be copied or pickled, as its stepper does."""
