@@ -383,3 +383,135 @@ def test_many_balls_of_a_large_tree(solver: str) -> None:
     assert result["ball30"][-1] == pytest.approx(G / 6.0, abs=1e-5)
     assert result["ball60"][-1] == pytest.approx(0.7 - 2.0 * G, abs=1e-5)
     assert not result.failed
+
+
+def lying_rod(size: float, restitution: float) -> mb.Mechanism:
+    """Return a rod of size^3 kg that falls on a floor with both ends; a force lifts its left end."""
+    m = mb.Mechanism(gravity=(0.0, -G * size, 0.0))
+    car = m.body("car", m.ground, mb.Translational(axis="y", start=size, nominal=size))
+    shape = mb.rod(mass=size**3, length=size)
+    rod = m.body("rod", car, mb.Revolute(start=0.5), **shape)
+    m.force("lift", mb.JointForce(mb.Input(name="lift", unit="N", start=0.0)), car)
+    for name, x in (("left", 0.0), ("right", size)):
+        end = rod.position("y", point=(x, 0.0, 0.0))
+        m.event(name, end, direction="down", then=mb.Bounce(restitution))
+        m.output(name, end)
+    m.output("angle", rod.angle())
+    return m
+
+
+@pytest.mark.parametrize(("solver", "size"), [("adams", 1e-3), ("adams", 1.0), ("ida", 1.0), ("radau", 1e3)])
+def test_one_end_of_a_rod_is_lifted(solver: str, size: float) -> None:
+    """Closed form: the force t size^4 lifts the left end at g / 2. SciPy: the angle turns about the other end, which
+    slides: a'' = 3 cos(a) (g / 2 - t).
+    """
+    given = {"lift": f"{size**4!r} * t"}
+    result = mb.simulate(lying_rod(size, 0.5), 6.0, interval=0.25, solver=solver, tolerance=1e-8, inputs=given)
+    assert lifts(result, "left") == pytest.approx([G / 2.0], abs=1e-7)
+    assert not lifts(result, "right")
+    late = result.t > 2.0
+    np.testing.assert_allclose(result["right"][late] / size, 0.0, atol=1e-9)
+    slope = lambda t, y: [y[1], 3.0 * np.cos(y[0]) * (G / 2.0 - t)]  # noqa: E731
+    found = solve_ivp(slope, (G / 2.0, 6.0), [0.0, 0.0], rtol=1e-11, atol=1e-13, dense_output=True)
+    free = result.t > G / 2.0
+    np.testing.assert_allclose(result["angle"][late & ~free], 0.0, atol=1e-9)
+    np.testing.assert_allclose(result["angle"][free], found.sol(result.t[free])[0], rtol=0.0, atol=1e-6)
+    assert not result.warning
+    assert not result.failed
+
+
+@pytest.mark.parametrize("solver", ["adams", "radau"])
+def test_a_block_whose_stop_moves(solver: str) -> None:
+    """The same motion as with the coordinate relative to the table, whose times are compared with closed forms above:
+    here the joint of the block is to the ground, and the sensor is the position relative to the table.
+    """
+    m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+    drive = mb.Harmonic(amplitude=0.05, frequency=3.0)
+    table = m.body("table", m.ground, mb.Translational(axis="y", drive=drive), mass=1.0)
+    speed = 0.05 * 6.0 * np.pi
+    block = m.body("block", m.ground, mb.Translational(axis="y", rate=speed), mass=1.5)
+    m.event("table", m.relative_position(block, table, "y"), direction="down", then=mb.Bounce(0.0))
+    m.output("gap", m.relative_position(block, table, "y"))
+    moving = mb.simulate(m, 1.0, interval=0.02, solver=solver, tolerance=1e-8)
+    relative = mb.simulate(on_table(0.0), 1.0, interval=0.02, solver=solver, tolerance=1e-8)
+    assert [(e.name, e.direction) for e in moving.events] == [(e.name, e.direction) for e in relative.events]
+    np.testing.assert_allclose([e.time for e in moving.events], [e.time for e in relative.events], atol=1e-6)
+    np.testing.assert_allclose(moving["gap"], relative["gap"], rtol=0.0, atol=1e-6)
+    assert len(moving.events) >= 5
+
+
+@pytest.mark.parametrize("solver", SMALL)
+def test_a_rope_goes_slack_and_tightens(solver: str) -> None:
+    """Closed form: a mass on a rope of 1 m is pushed with v at the lowest point. The rope is slack from the angle on at
+    which v^2 / g = 2 - 3 cos; then the mass follows a parabola until its distance is 1 m again. The angle over time is
+    that of a pendulum, by SciPy.
+    """
+    v = np.sqrt(3.5 * G)
+    m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+    across = m.body("across", m.ground, mb.Translational(axis="x", rate=v))
+    mass = m.body("mass", across, mb.Translational(axis="y", start=-1.0), mass=2.0)
+    m.event("rope", m.distance(m.ground, mass), crosses=1.0, direction="up", then=mb.Bounce(0.0))
+    m.output("x", across.coordinate())
+    m.output("y", mass.coordinate())
+    result = mb.simulate(m, 1.6, interval=0.02, solver=solver, tolerance=1e-9)
+    swing = lambda t, y: [y[1], -G * np.sin(y[0])]  # noqa: E731
+    slack = lambda t, y: np.cos(y[0]) + 0.5  # noqa: E731
+    slack.terminal = True  # type: ignore[attr-defined]
+    first = solve_ivp(swing, (0.0, 2.0), [0.0, v], events=slack, rtol=1e-12, atol=1e-13, dense_output=True)
+    leaves, (angle, rate) = first.t[-1], first.y[:, -1]
+    place, speed = np.array([np.sin(angle), -np.cos(angle)]), rate * np.array([np.cos(angle), np.sin(angle)])
+    fall = lambda t: place + speed * t + np.array([0.0, -0.5 * G]) * t * t  # noqa: E731
+    tight = brentq(lambda t: np.linalg.norm(fall(t)) - 1.0, 0.1, 1.5, xtol=1e-14)
+    assert lifts(result, "rope", "down")[0] == pytest.approx(leaves, abs=1e-6)
+    assert lifts(result, "rope", "up")[0] == pytest.approx(leaves + tight, abs=1e-6)
+    places = np.column_stack((result["x"], result["y"]))
+    taut = result.t < leaves
+    angles = first.sol(result.t[taut])[0]
+    np.testing.assert_allclose(places[taut], np.column_stack((np.sin(angles), -np.cos(angles))), rtol=0.0, atol=1e-6)
+    flying = (result.t > leaves) & (result.t < leaves + tight)
+    np.testing.assert_allclose(places[flying], [fall(t - leaves) for t in result.t[flying]], rtol=0.0, atol=1e-6)
+    end, last = fall(tight), speed + np.array([0.0, -G]) * tight
+    along = np.array([-end[1], end[0]])  # the impact takes the radial velocity
+    after = solve_ivp(
+        swing, (leaves + tight, 1.6), [np.arctan2(end[0], -end[1]), along @ last], rtol=1e-11, atol=1e-12
+    ).y[0, -1]
+    np.testing.assert_allclose(places[-1], [np.sin(after), -np.cos(after)], rtol=0.0, atol=1e-5)
+    assert not result.warning
+
+
+def test_a_saved_run_continues_on_two_points() -> None:
+    """Restored in the same simulation and in another one while both ends of the rod rest."""
+    settings = Settings(solver="adams", tolerance=1e-8)
+    simulation, other = (Simulation(lying_rod(1.0, 0.0), settings, inputs={"lift": 3.0}) for _ in range(2))
+    simulation.advance(2.0)
+    checkpoint, saved = simulation.checkpoint(), simulation.save()
+
+    def lift(one: Simulation) -> Any:
+        one.set_input("lift", 6.0)
+        one.advance(2.3)
+        return one.outputs().copy(), one.events
+
+    expected, events = lift(simulation)
+    assert events[-1].direction == "up"
+    assert events[-1].time == 2.0
+    simulation.rollback(checkpoint)
+    other.restore(saved)
+    for one in (simulation, other):
+        found, also = lift(one)
+        np.testing.assert_array_equal(found, expected)
+        assert also == events
+
+
+def test_stops_that_cannot_hold_end_the_run() -> None:
+    """The sum of angles of a chain, and positions in large models."""
+    m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+    rod = m.body("rod", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
+    m.event("wall", m.turn(rod), crosses=-1.0, direction="down", then=mb.Bounce(0.2))
+    result = mb.simulate(m, 5.0, interval=1.0, solver="adams", tolerance=1e-7)
+    assert "[resting-bounce]" in result.failure
+    large = mb.Mechanism(gravity=(0.0, -G, 0.0))
+    for k in range(70):
+        body = large.body(f"ball{k}", large.ground, mb.Translational(axis="y", start=0.1), mass=1.0)
+    large.event("floor", body.position("y"), direction="down", then=mb.Bounce(0.2))
+    result = mb.simulate(large, 5.0, interval=1.0, solver="adams", tolerance=1e-7)
+    assert "[resting-bounce]" in result.failure

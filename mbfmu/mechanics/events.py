@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from mbfmu.mechanics.cuts import CutJoint, DistanceCutJoint, PlaneCutJoint
 from mbfmu.mechanics.joints import Section
-from mbfmu.mechanics.sensors import Coordinate, Sensor
+from mbfmu.mechanics.numbers import MAX_LENGTH, MIN_LENGTH
+from mbfmu.mechanics.sensors import Coordinate, Distance, PointPosition, RelativePosition, Sensor
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.builder.bodies import Body
@@ -95,9 +99,10 @@ class Bounce:
     do not change. The impulses of all stops that are hit at one time are determined together and push only, before
     other actions.
 
-    A sensor that is the coordinate of a joint with one coordinate comes to rest at the stop: when the rest of its
-    bounces is not resolved by the tolerance, or the restitution is 0, the joint is locked (as by :class:`Lock`). It is
-    released when the force of the stop would pull.
+    A sensor comes to rest at the stop when the rest of its bounces is not resolved by the tolerance, or at the first
+    impact if the restitution is 0: the stop holds it until the force of the stop would pull. Sensors that are held are
+    the coordinate of a joint with one coordinate and, in models with up to 60 joint coordinates, positions, relative
+    positions and distances.
 
     Parameters
     ----------
@@ -141,6 +146,14 @@ class Release:
 
 
 Action = EndRun | SetInput | SetParameter | Impulse | Restart | Bounce | Lock | Release
+
+
+class HoldingCut(NamedTuple):
+    """Cut joint that holds a sensor at its stop: residual zero there, with the rate of the sensor."""
+
+    cut: CutJoint
+    a: int  # numbers of its bodies
+    b: int
 
 
 @dataclass(frozen=True)
@@ -198,3 +211,22 @@ class Event:
         joint = self.sensor.item.joint
         is_lockable = joint.nv == 1 and joint.drive is None and not isinstance(joint, Section)
         return int(self.sensor.item.index) if is_lockable else None
+
+    @property
+    def holding_cut(self) -> HoldingCut | None:
+        """Cut joint that holds the sensor at its stop: a point in a plane, or a rod; None: there is none."""
+        sensor, value = self.sensor, self.value
+        if self.bounce is None:
+            return None
+        if isinstance(sensor, PointPosition):
+            at = value * np.eye(3)[sensor.component]
+            cut = PlaneCutJoint(axis="xyz"[sensor.component], at_a=at, at_b=sensor.point)
+            return HoldingCut(cut, 0, sensor.item.index)
+        if isinstance(sensor, RelativePosition):
+            at = np.array(sensor.at_a, float) + value * np.eye(3)[sensor.component]
+            cut = PlaneCutJoint(axis="xyz"[sensor.component], at_a=at, at_b=sensor.at_b)
+            return HoldingCut(cut, *(body.index for body in sensor.bodies))
+        if isinstance(sensor, Distance) and MIN_LENGTH <= value <= MAX_LENGTH:
+            rod = DistanceCutJoint(length=value, at_a=sensor.at_a, at_b=sensor.at_b)
+            return HoldingCut(rod, *(body.index for body in sensor.bodies))
+        return None

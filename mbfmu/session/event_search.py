@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
-from solvers.compiled.tuple_pointer import pin
+from mbfmu.mechanics.recursions.dynamics import watch_sensors
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.outcome import MAX_STEPS, OK, Code, Status
 from solvers.system import Array
 
@@ -87,6 +88,12 @@ class CrossingSearch:
         """Take the units (n,) of the coordinates that are free now."""
         if len(size) != len(self.memory.size) or not np.array_equal(size, self.memory.size):
             self._take(self.memory._replace(size=size.copy()))
+
+    def sensor_values(self) -> Array:
+        """Return the sensors (k,) at the reported state."""
+        run, memory = self._run, self.memory
+        watch_sensors(run.stepper.t, run.q, run.v, memory.parts, unpin(run.session).data, memory.values)
+        return memory.values[: len(memory.crossed)].copy()
 
     def begin(self) -> None:
         """Note the sides at the reported state, at which nothing is a crossing."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.events import Bounce, EndRun, Event, Impulse, Lock, Release, SetInput, SetParameter
-from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.outcome import OK
@@ -95,7 +94,7 @@ class RunEvents:
         rates = memory.parts[memory.rate_places[are_stops]]
         towards = memory.directions[are_stops].astype(float)
         self._impacts = Impacts(compiled, rates, towards)
-        self._resting = RestingStops(compiled, run, self._search, locked, towards)
+        self._resting = RestingStops(compiled, run, self._search, locked, self._impacts)
         turns = any(isinstance(action, Lock | Impulse) for event in declared for action in event.actions)
         units = [event.sensor.unit for event in watching if event.sensor and turns]
         self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
@@ -161,14 +160,14 @@ class RunEvents:
 
     def _hold_at_start(self) -> None:
         """Let stops hold what rests on them at the start."""
-        values, crossed = self._sensor_values(), self._search.memory.crossed
+        values, crossed = self._search.sensor_values(), self._search.memory.crossed
         is_at = np.abs(values - crossed) <= SAME_PLACE_RATIO * np.maximum(np.abs(values), np.abs(crossed))
         stops = [self._stops[event.name] for k, event in enumerate(self._watching) if event.bounce and is_at[k]]
         self.stop = self.stop or self._resting.hold_resting(stops)
 
     def _note_released(self, events: list[Event]) -> None:
         """List the events whose stops have released what rested on them."""
-        values, t = self._sensor_values(), self._run.stepper.t
+        values, t = self._search.sensor_values(), self._run.stepper.t
         for event in events:
             value = float(values[self._places[event.name]])
             self.records.append(EventRecord(event.name, t, "down" if event.direction > 0 else "up", value, value))
@@ -237,9 +236,9 @@ class RunEvents:
     def _act(self, found: list[Event]) -> bool:
         """Execute the actions of the events at the reported state; return whether an input or a parameter was set."""
         run, changed = self._run, False
-        before = self._sensor_values()
+        before = self._search.sensor_values()
         changes_rates = any(isinstance(action, JUMPS) for event in found for action in event.actions)
-        rested = self._resting.held if changes_rates else []
+        rested = list(self._resting.held) if changes_rates else []
         self._resting.release(rested)
         hit = [self._stops[event.name] for event in found if event.bounce]
         hit += [k for k in rested if k not in hit]
@@ -258,7 +257,7 @@ class RunEvents:
                     self.ended = True
         self._bounce(rested, found)
         self.stop = self.stop or self._resting.hold_resting(hit)
-        after, t = self._sensor_values(), run.stepper.t
+        after, t = self._search.sensor_values(), run.stepper.t
         for event in found:
             if event.sensor is None:
                 self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
@@ -315,15 +314,10 @@ class RunEvents:
         run.q, run.v, run.energy_account = run.stepper.reported
         account_discontinuity(session, before, run.stepper.t, run.q, run.v)
 
-    def _sensor_values(self) -> Array:
-        run, memory = self._run, self._search.memory
-        watch_sensors(run.stepper.t, run.q, run.v, memory.parts, self._compiled.system.pinned_data, memory.values)
-        return memory.values[: len(self._watching)].copy()
-
     def _check_density(self, last: Event) -> None:
         """Stop the run if too many events follow each other in too short a time."""
         count = MAX_EVENTS
-        if last.bounce and last.bounce.restitution < 1.0 and last.holding_joint is not None:
+        if last.bounce and last.bounce.restitution < 1.0 and self._resting.can_hold(self._stops[last.name]):
             count = int(MAX_EVENTS / (1.0 - last.bounce.restitution))  # bounces until they are not resolved
         if len(self.records) <= count:
             return
@@ -335,7 +329,7 @@ class RunEvents:
         """Stop the run if a quantity remains at its stop: its bounces follow each other in times that tend to zero."""
         shortest = MIN_EVENTS_TIME_RATIO * self._run.stepper.options.duration
         for event in found if self.stop is None else []:
-            is_repeated = event.bounce and event.holding_joint is None
+            is_repeated = event.bounce and not self._resting.can_hold(self._stops[event.name])
             times = [record.time for record in self.records if is_repeated and record.name == event.name]
             last = np.diff(times[-1 - RESTING_BOUNCES :])
             if len(last) == RESTING_BOUNCES and np.all(last < shortest):
@@ -347,7 +341,7 @@ class RunEvents:
         if not self._stops:
             return
         t, size = run.stepper.t, self._compiled.system.size
-        slopes, values, memory = self._impacts.slopes(t, run.q), self._sensor_values(), self._search.memory
+        slopes, values, memory = self._impacts.slopes(t, run.q), self._search.sensor_values(), self._search.memory
         beyond = memory.directions * (values - memory.crossed)
         for k, event in enumerate(self._watching):
             if event.bounce:
@@ -374,14 +368,14 @@ class RunEvents:
             "since": self._durations.state(),
             "list": records,
             "locked": self.locked.state(),
-            "resting": list(self._resting.held),
+            "resting": [[stop, value] for stop, value in self._resting.held.items()],
             "samples": self._samples.counts.tolist(),
         } | limits
 
     def restore(self, state: dict[str, Any]) -> None:
         """Return to a state of :meth:`state`; the state of the solver is restored afterwards."""
         self.locked.restore(state["locked"])
-        self._resting.held = list(state["resting"])
+        self._resting.held = dict(state["resting"])
         self._search.resize(self._sizes())
         memory, control = self._search.memory, self._search.memory.control[0]
         memory.sides[:], memory.bands[:] = state["sides"], state["bands"]

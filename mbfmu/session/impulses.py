@@ -43,18 +43,20 @@ class Impacts:
     ----------
     restitutions
         Coefficients of restitution (k,).
+    directions
+        As given.
     """
 
     restitutions: Array
 
     def __init__(self, compiled: CompiledMechanism, parts: NDArray[np.int64], directions: Array) -> None:
-        self._compiled, self._parts, self._directions = compiled, parts, directions
+        self._compiled, self._parts, self.directions = compiled, parts, directions
 
     def rates(self, t: float, q: Array, v: Array) -> Array:
         """Return the rates (k,) towards the stops."""
-        values, compiled = np.zeros(len(self._directions)), self._compiled
+        values, compiled = np.zeros(len(self.directions)), self._compiled
         watch_sensors(t, q, v, self._parts, compiled.system.pinned_data, values)
-        found: Array = self._directions * values
+        found: Array = self.directions * values
         return found
 
     def slopes(self, t: float, q: Array) -> Array:

@@ -8,7 +8,7 @@ is read is the sum over the parts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.events import Lock, Release
 from mbfmu.util.diagnostics import Diagnostic
 from solvers import Statistics
-from solvers.compiled.tuple_pointer import unpin
+from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.energy_account import EXCHANGED_ENERGY, WORK
 from solvers.stepper import Stepper
 from solvers.system import Array
@@ -54,6 +54,7 @@ class LockedJoints:
         note: Callable[[Diagnostic], None],
     ) -> None:
         self._compiled, self._run, self._make_stepper, self._note = compiled, run, make_stepper, note
+        self._session = run.session
         self._balance = unpin(run.session).balance[0]
         self._is_checked = bool(self._balance["is_checked"])
         # time, positions and velocities, of locked joints too, where the present solver has started
@@ -64,7 +65,7 @@ class LockedJoints:
     @property
     def any(self) -> bool:
         """Whether a joint is locked."""
-        return bool(self._compiled.locks.held)
+        return bool(self._compiled.locks.held or self._compiled.locks.held_stops)
 
     def act(self, action: Lock | Release, event: str) -> Diagnostic | None:
         """Lock or release a joint; return why the run cannot continue, None: it can."""
@@ -83,10 +84,16 @@ class LockedJoints:
         self.release([body])
         return None
 
-    def release(self, bodies: list[int]) -> None:
-        """Release the joints of these bodies, which are locked."""
-        held = self._compiled.locks.held
-        self._continue_with({body: value for body, value in held.items() if body not in bodies}, self._run.v)
+    def release(self, bodies: Sequence[int], stops: Sequence[int] = ()) -> None:
+        """Release the joints of these bodies, which are locked, and sensors at these stops, which hold them."""
+        locks = self._compiled.locks
+        held = {body: value for body, value in locks.held.items() if body not in bodies}
+        self._continue_with(held, self._run.v, tuple(k for k in locks.held_stops if k not in stops))
+
+    def hold(self, stop: int, v: Array) -> None:
+        """Hold the sensor of a stop, by its constraint equation, from the velocities v (n,) on, at which it rests."""
+        locks = self._compiled.locks
+        self._continue_with(locks.held, v, tuple(sorted((*locks.held_stops, stop))))
 
     def lock(self, number: int, name: str, event: str) -> Diagnostic | None:
         """Lock the joint of a body, which is not locked; return why the run cannot continue, None: it can."""
@@ -109,11 +116,14 @@ class LockedJoints:
                 time=t,
                 subject=name,
             )
-        self._continue_with(compiled.locks.held | {number: float(q[int(body["qf"])])}, v)
+        held = compiled.locks.held | {number: float(q[int(body["qf"])])}
+        self._continue_with(held, v, compiled.locks.held_stops)
         return None
 
-    def _continue_with(self, held: dict[int, float], v: Array) -> None:
-        """Continue with these joints locked from the reported positions, with velocities v (n,)."""
+    def _continue_with(self, held: dict[int, float], v: Array, stops: tuple[int, ...]) -> None:
+        """Continue with these joints locked, and sensors held at these stops, from the reported positions, with
+        velocities v (n,).
+        """
         run, locks, old = self._run, self._compiled.locks, self._run.stepper
         session, t = run.session, old.t
         before = energy_at(session, t, run.q, run.v)
@@ -124,24 +134,29 @@ class LockedJoints:
         for diagnostic in old.diagnostics:
             self._note(diagnostic)
         q, v = locks.all_coordinates(run.q, v)
-        self._continue_at(held, t, q, v)
+        self._continue_at(held, stops, t, q, v)
         account_discontinuity(session, before, t, run.q, run.v)
         balance, freedom = self._balance, run.stepper.freedom
         balance["reference_energy"], balance["last_passage_energy"] = energy_at(session, t, run.q, run.v), 0.0
         balance["is_checked"] = self._is_checked and freedom > 0
         balance["has_one_freedom"] = freedom == 1 and not locks.is_driven
 
-    def _continue_at(self, held: dict[int, float], t: float, q: Array, v: Array) -> None:
-        """Start a solver with these joints locked, at all positions and velocities, (nq,) and (n,)."""
+    def _continue_at(self, held: dict[int, float], stops: tuple[int, ...], t: float, q: Array, v: Array) -> None:
+        """Start a solver with these joints locked, and sensors held at these stops, at all positions and velocities,
+        (nq,) and (n,).
+        """
         run, locks, self._begin = self._run, self._compiled.locks, (t, q, v)
-        self._compiled.system = locks.lock(held, t, q)
+        self._compiled.system = system = locks.lock(held, stops, t, q)
+        # data of stops that hold have further constraint equations
+        run.session = pin(unpin(self._session)._replace(data=system.pinned_data)) if stops else self._session
         run.stepper = self._make_stepper(t, *locks.free_coordinates(q, v))
         run.dv = np.zeros(len(run.v))
 
     def lock_copy(self, compiled: CompiledMechanism) -> None:
         """Lock the joints of another compiled mechanism of the same model as they are locked now."""
         t, q, _ = self._begin
-        compiled.system = compiled.locks.lock(self._compiled.locks.held, t, q)
+        locks = self._compiled.locks
+        compiled.system = compiled.locks.lock(locks.held, locks.held_stops, t, q)
 
     def add_energies(self, out: Array) -> None:
         """Add the energies of earlier parts to the energies that the outputs end in, J."""
@@ -160,6 +175,7 @@ class LockedJoints:
         t, q, v = self._begin
         return {
             "held": [[body, value] for body, value in self._compiled.locks.held.items()],
+            "stops": list(self._compiled.locks.held_stops),
             "begin": [t, q.tolist(), v.tolist()],
             "energies": self._energies.tolist(),
             "counts": asdict(self._counts),
@@ -169,10 +185,11 @@ class LockedJoints:
         """Return to a state of :meth:`state`, with a solver of its system, whose own state is to be restored."""
         if not state:
             return
-        held, (t, *motion) = dict(state["held"]), state["begin"]
+        held, stops, (t, *motion) = dict(state["held"]), tuple(state["stops"]), state["begin"]
         q, v = map(np.array, motion)
-        if t != self._begin[0] or held != self._compiled.locks.held:
-            self._continue_at(held, t, q, v)
+        locks = self._compiled.locks
+        if t != self._begin[0] or held != locks.held or stops != locks.held_stops:
+            self._continue_at(held, stops, t, q, v)
         self._energies, self._counts = np.array(state["energies"]), Statistics(**state["counts"])
 
 

@@ -72,6 +72,8 @@ class CompiledElements:
         Places in State.v of the first-order states that each item refers to, in this order.
     parts
         The parts.
+    holding
+        Kinds and places (k, 2) of the cut joints that hold sensors at stops, see :mod:`.stop_rows`.
     """
 
     def __init__(self, mechanism: Mechanism, numbering: Numbering) -> None:
@@ -118,12 +120,17 @@ class CompiledElements:
             filled.append(filled_record(*sites[-1]))
         self.ends = np.append(self.ends, len(sites))
         sites, filled = sites + of_parts, filled + filled_parts
+        self.ends = np.append(self.ends, len(sites))
+        for event in mechanism.events:
+            if holding := event.holding_cut:
+                sites.append((holding.cut, CompiledAttachment(f"event {event.name!r}", (), numbering, {})))
+                filled.append(filled_record(*sites[-1]))
         self.used, self.used_parts, self.used_states = (
             [getattr(place, name) for _, place in sites] for name in ("used", "used_parts", "used_states")
         )
         self.parts = list(numbering.parts)
         self._tables = tables = Tables([item for item, _ in sites], filled, numbering.parts)
-        joints, cuts, couplings, acting, sensors, signals, parts = np.split(
+        joints, cuts, couplings, acting, sensors, signals, parts, self.holding = np.split(
             np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
         )
         world = WorldRecord.zeros(1)
@@ -189,7 +196,7 @@ class CompiledElements:
         """Return data as they are now with complex numbers for real ones."""
         arrays, state = to_complex_data(self.data)
         memory, places = self._tables.complex_memory()
-        joints, *others = np.split(np.array(places, np.int64), self.ends)
+        joints, *others, _ = np.split(np.array(places, np.int64), self.ends)
         arrays.bodies["at"][arrays.bodies["role"] == RIGID] = joints
         tables: Any = (arrays.cuts, arrays.couplings, arrays.loads, arrays.sensors, arrays.signals, arrays.parts)
         for table, own in zip(tables, others, strict=True):

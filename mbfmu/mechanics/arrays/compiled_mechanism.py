@@ -43,6 +43,7 @@ from .rounding import Rounding
 from .rows import VANISHING_TOLERANCE, find_vanishing_rows, first_of, row_names
 from .scale import characteristic_length, describe_assumed_length
 from .signal_dependence import SignalDependence
+from .stop_rows import StopRows
 from .systems import Systems
 from .tables import REAL, CalledKernel, NumberTypes
 
@@ -114,7 +115,9 @@ class CompiledMechanism:
             self.vanishing_rows = self._drop_vanishing_rows(names)
             self.system = self._systems.make([n for n in names if n not in self.vanishing_rows])
         fill_estimates(mechanism, self.system, self.data, self.length)
-        self.locks = JointLocks(mechanism, self.data.arrays, numbering, elements.signals, self._systems, self.system)
+        rows = StopRows(mechanism, elements, self.length)
+        fixed = mechanism, self.data.arrays, numbering, elements.signals
+        self.locks = JointLocks(*fixed, self._systems, self.system, rows)
         loops, row_size = EliminatedLoops.of(self.system), self._systems.row_size
         motions = drive_motions(self.drives, self.inputs, elements.signals)
         self._rounding = Rounding(mechanism, self.data, self.system, row_size, motions, loops)

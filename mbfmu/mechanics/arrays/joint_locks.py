@@ -22,6 +22,8 @@ from solvers.system import AnySystem, Array
 
 from .numbering import Numbering
 from .rows import find_constant_rows
+from .stop_rows import StopRows
+from .systems import MAX_DENSE_TREE_COORDINATES
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
@@ -40,6 +42,8 @@ class JointLocks:
         Mechanism, its arrays, its numbering and its signals.
     systems, system
         What makes its systems, and the one without locked joints.
+    rows
+        Constraint equations that hold sensors at stops.
 
     Attributes
     ----------
@@ -47,6 +51,8 @@ class JointLocks:
         The system without locked joints.
     held
         Coordinates of the locked joints, rad or m, by the numbers of their bodies.
+    held_stops
+        Numbers of the constraint equations that hold sensors at stops now, ascending.
     is_driven
         Whether drives move the mechanism.
     can_lock
@@ -63,17 +69,20 @@ class JointLocks:
         signals: list[InUse],
         systems: Systems,
         system: AnySystem,
+        rows: StopRows,
     ) -> None:
+        self._rows = rows
         self._arrays, self._systems, self.system = arrays, systems, system
         self.signals = dict(numbering.holds)
         self._signals = {body: (number, signals[number]) for body, number in numbering.holds.items()}
         self.held: dict[int, float] = {}
+        self.held_stops: tuple[int, ...] = ()
         self._kept, self._is_read = arrays.kept.copy(), find_read_rows(mechanism, arrays)
         bodies, couplings = arrays.bodies, arrays.couplings
         fields = ((bodies, ("qf", "vf", "drive")), (couplings, ("fa", "fb")), (arrays.world, ("drives",)))
         self._free = [(table, name, table[name].copy()) for table, names in fields for name in names]
         self._places = {body: (int(bodies["qf"][body]), int(bodies["vf"][body])) for body in self._signals}
-        self.can_lock = bool(self._signals)
+        self.can_lock = bool(self._signals) or bool(rows.names)
         self.is_driven = bool(arrays.world["drives"][0])
 
     @contextmanager
@@ -90,7 +99,7 @@ class JointLocks:
     def _number(self, held: Mapping[int, float]) -> None:
         """Number the free coordinates in the arrays, with these joints locked at these coordinates."""
         self.held = dict(held)
-        if not self.can_lock:
+        if not self._signals:
             return
         for table, name, free in self._free:
             table[name] = free
@@ -110,24 +119,50 @@ class JointLocks:
             signal.signal.hold(signal, value)
         arrays.world["drives"] = 1
 
-    def lock(self, held: Mapping[int, float], t: float, q: Array) -> AnySystem:
-        """Lock these joints at these coordinates, and no others; return the system of what remains free.
+    def lock(self, held: Mapping[int, float], stops: tuple[int, ...], t: float, q: Array) -> AnySystem:
+        """Lock these joints at these coordinates, and hold sensors at these stops, and no others; return the system of
+        what remains free.
 
         t, s, and q (nq,) are a time and positions without locked joints with closed loops.
         """
         self._number(held)
-        if not held:
+        self.held_stops = stops
+        if not held and not stops:
             return self.system
-        free, remaining = self._remaining()
-        systems = self._systems.with_locked_joints(frozenset(held), int(free.sum()), remaining, self.system.m)
+        systems, free = self._systems_now()
         names = list(self.system.constraint_names)
         system = systems.make(names)
         kept = self._arrays.kept >= 0
-        constant = find_constant_rows(system, t, q[free]) & ~self._is_read[kept]
-        if not constant.any():
-            return system
-        self._arrays.kept[kept] = np.where(constant, -1, np.cumsum(~constant) - 1)
-        return systems.make([name for name, drops in zip(names, constant, strict=True) if not drops])
+        constant = find_constant_rows(system, t, q[free]) & ~self._is_read[kept] if held else np.zeros(len(names), bool)
+        if constant.any():
+            self._arrays.kept[kept] = np.where(constant, -1, np.cumsum(~constant) - 1)
+            names = [name for name, drops in zip(names, constant, strict=True) if not drops]
+            system = systems.make(names)
+        return self._rows.system(systems, names, stops) if stops else system
+
+    def _systems_now(self) -> tuple[Systems, NDArray[np.bool_]]:
+        """Return what makes systems with the locked joints of now, and which positions (nq,) are free."""
+        free, remaining = self._remaining()
+        found = self._systems.with_locked_joints(frozenset(self.held), int(free.sum()), remaining, self.system.m)
+        return found, free
+
+    def stop_slopes(self, system: AnySystem, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return J (k, n) and gamma (k,) of the constraint equations of stops, none of which holds, at a state of the
+        present system.
+        """
+        return self._rows.slopes(self._systems_now()[0], system.constraint_names, t, q, v)
+
+    def stop_number(self, event: str) -> int | None:
+        """Return the number of the constraint equation of the stop of an event; None: there is none.
+
+        Large models have none: their constraints are eliminated along the tree.
+        """
+        is_small = self.system.has_matrices and self.system.n <= MAX_DENSE_TREE_COORDINATES
+        return self._rows.names.index(event) if is_small and event in self._rows.names else None
+
+    def stop_forces(self, lam: Array) -> Array:
+        """Return the multipliers (k,) of the stops that hold, of those of the present system (m,)."""
+        return lam[len(lam) - len(self.held_stops) :]
 
     def size_of(self, body: int) -> float:
         """Return the unit of the coordinate of a joint that can be locked."""

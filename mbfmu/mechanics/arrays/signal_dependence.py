@@ -16,12 +16,13 @@ class SignalDependence:
     """The signals behind the loads of a compiled mechanism."""
 
     def __init__(self, mechanism: Mechanism, compiled: CompiledElements) -> None:
-        _, _, couplings, loads, sensors, signals = compiled.ends
+        _, _, couplings, loads, sensors, signals, parts = compiled.ends
         self._loads = [acting.load for acting in mechanism.loads()]
         self._of_loads = compiled.used[couplings:loads]
         self._of_signals = compiled.used[sensors:signals]
         self._parts_of_loads = compiled.used_parts[couplings:loads]
-        self._of_parts, self._parts_of_parts = compiled.used[signals:], compiled.used_parts[signals:]
+        own = slice(signals, parts)
+        self._of_parts, self._parts_of_parts = compiled.used[own], compiled.used_parts[own]
 
     def signals(self, sensor: Sensor) -> Set[int] | None:
         """Return the numbers of the signals that a quantity depends on; None: it may depend on all inputs."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_constraints
-from mbfmu.mechanics.records import Data
+from mbfmu.mechanics.records import Arrays, Data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe_all
 from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, coupled_states, find_groups
@@ -70,6 +70,7 @@ class Systems:
         self._mechanism, self._numbering, self._elements = mechanism, numbering, elements
         self._drives, self._length, self._arrays = drives, length, elements.data.arrays
         self._locked: Set[int] = frozenset()
+        self._holds_stops = False
         self._model_size = 0, 0  # coordinates and constraint equations without locked joints, if there are some
         nominal = [state.nominal for _, state in numbering.states]
         self._size = np.concatenate((coordinate_sizes(free_bodies(mechanism), length), nominal))
@@ -120,6 +121,16 @@ class Systems:
         numbering.coordinate_names = [name for name, remains in names if remains]
         return found
 
+    def with_stop_rows(self, arrays: Arrays, sizes: Array) -> Systems:
+        """Return the systems of arrays with further constraint equations, whose residuals have these sizes (k,), see
+        :mod:`.stop_rows`.
+        """
+        found = copy(self)
+        found._holds_stops, found._arrays = True, arrays
+        found.row_size = np.append(self.row_size, sizes)
+        found._nonholonomic = np.append(self._nonholonomic, np.zeros(len(sizes), bool))
+        return found
+
     def make(self, constraint_names: list[str]) -> AnySystem:
         """Return the system with the rows that are kept today, by their names."""
         if self._numbering.nv and (self._large or self._has_left_loops(constraint_names)):
@@ -153,7 +164,7 @@ class Systems:
     @property
     def _has_tangent(self) -> bool:
         """Whether there is a structured tangent: drives and locked joints may leave first-order states alone."""
-        return self._can_factor and self._numbering.nv > len(self._numbering.states)
+        return self._can_factor and self._numbering.nv > len(self._numbering.states) and not self._holds_stops
 
     def _has_recursions(self, constraint_names: list[str]) -> bool:
         """Whether a mechanism that is solved by matrices can be solved by recursions, too."""
@@ -287,7 +298,7 @@ class Systems:
         """
         numbering = self._numbering
         needs_matrices = self._nonholonomic.any() or numbering.bearings or numbering.nv == len(numbering.states)
-        if not self._mechanism.constraints or needs_matrices:
+        if not self._mechanism.constraints or needs_matrices or self._holds_stops:
             return None
         return Elimination(self._eliminate, self.tangent) if self._has_tangent else self._eliminate
 
