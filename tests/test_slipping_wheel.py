@@ -14,6 +14,7 @@ from mbfmu.util.errors import UserError
 
 G, MU = 9.81, 0.3
 SIZES = [1e-3, 1.0, 1e3]
+MANY = 8  # wheels with 64 coordinates and states: a large model
 
 
 def model(size: float, joint: Any, shape: float, crown: float = 0.0, slope: float = 0.0, **more: Any) -> mb.Mechanism:
@@ -102,10 +103,15 @@ class SlidingWheel:
         return np.concatenate((v, turning, F / self.m + self.g, dw))
 
 
-@pytest.mark.parametrize("solver", ["adams", "radau", "ida"])
+@pytest.mark.parametrize(
+    ("solver", "wheels"),
+    [("adams", 1), ("radau", 1), ("ida", 1), ("adams", MANY), ("ida", MANY), ("esdirk", MANY)],
+)
 @pytest.mark.parametrize(("size", "crown"), [(1e-3, 0.2), (1.0, 0.0), (1e3, 0.4)])
-def test_a_leaning_wheel_slides_as_by_newton_and_euler(size: float, crown: float, solver: str) -> None:
-    """A disk or torus that slides all the time, of an axle and on a plane of any direction."""
+def test_a_leaning_wheel_slides_as_by_newton_and_euler(size: float, crown: float, solver: str, wheels: int) -> None:
+    """A disk or torus that slides all the time, of an axle and on a plane of any direction; alone, and the last of as
+    many as make a large model.
+    """
     rng = np.random.default_rng(17)
     n, axle = (x / np.linalg.norm(x) for x in rng.normal(size=(2, 3)))
     first = np.cross(n, (1.0, 0.0, 0.0)) / np.hypot(n[1], n[2])
@@ -121,16 +127,19 @@ def test_a_leaning_wheel_slides_as_by_newton_and_euler(size: float, crown: float
     m = mb.Mechanism(gravity=ref.g)
     E = np.outer(axle, axle)
     joint = mb.Floating(start=x[:7], rate=(*v, *turn.inv().apply(w)))
-    wheel = m.body("wheel", m.ground, joint, mass=ref.m, inertia=ref.A * np.eye(3) + (ref.C - ref.A) * E)
+    inertia = ref.A * np.eye(3) + (ref.C - ref.A) * E
     contact = mb.SlippingWheel(
         radius=size, crown_radius=ref.c, axis=axle, normal=n, stiffness=ref.k, damping=ref.damping, friction=MU,
         deflection=1e-4 * size,
     )  # fmt: skip
-    m.force("tire", contact, wheel)
+    for k in range(wheels):
+        wheel = m.body(f"wheel{k}", m.ground, joint, mass=ref.m, inertia=inertia)
+        m.force(f"tire{k}", contact, wheel)
     for axis in "xyz":
         m.output(axis, wheel.position(axis))
         m.output(f"w{axis}", wheel.angular_velocity(axis))
-    found = mb.simulate(m, times[-1], interval=times[1], solver=solver, tolerance=1e-8)
+    tolerance = 1e-8 if solver == "adams" or wheels == 1 else 1e-6
+    found = mb.simulate(m, times[-1], interval=times[1], solver=solver, tolerance=tolerance)
     assert not [d for d in found.diagnostics if d.severity == "warning"]
     for y in exact.y.T:
         r = ref.lowest(Rotation.from_quat(y[3:7], scalar_first=True).apply(axle))
@@ -170,6 +179,34 @@ def test_a_braked_wheel_stands_on_a_slope_for_an_hour(size: float) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
+def test_static_friction_holds_and_decreases_with_the_slip(size: float) -> None:
+    """A braked wheel stands on a slope by static friction, and slides on a plane as by SciPy, in a direction that is no
+    axis of the bristle.
+    """
+    speed, static = np.sqrt(G * size), 1.5
+    law: dict[str, Any] = {"static": static * MU, "stribeck": 0.3 * speed}
+    still = model(size, 0.999 * size, 0.5, slope=np.arctan(1.05 * MU), deflection=1e-4 * size, **law)
+    found = mb.simulate(still, 100.0 * np.sqrt(size / G), solver="radau", tolerance=1e-7)
+    np.testing.assert_allclose(found["x"][-1], 1.05e-4 * size, rtol=1e-3)
+
+    def slopes(_: float, y: Any) -> Any:
+        mu = MU * (1.0 + (static - 1.0) * np.exp(-((y[1] / 0.3) ** 2)))
+        return y[1], -mu
+
+    end = 2.5 * np.sqrt(size / G)
+    exact = solve_ivp(slopes, (0.0, 2.5), (0.0, 1.0), rtol=1e-10, atol=1e-12).y[:, -1]  # in units of size and G
+    assert exact[1] > 0.1
+    moving = model(size, 0.999 * size, 0.5, deflection=1e-5 * size, **law)
+    along, across = (body.joint for body in moving.bodies[1:3])
+    for joint, part in ((along, 0.6), (across, 0.8)):
+        object.__setattr__(joint, "rate", part * speed)
+    result = mb.simulate(moving, end, solver="radau", tolerance=1e-7)
+    for axis, part in (("x", 0.6), ("y", 0.8)):
+        np.testing.assert_allclose(result[axis][-1] / size, part * exact[0], atol=1e-4)
+        np.testing.assert_allclose(result[f"v{axis}"][-1] / speed, part * exact[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("size", SIZES)
 def test_a_ball_that_falls_lifts_again(size: float) -> None:
     """Without damping it returns to its height: free fall, half a period of the contact, and the way back."""
     m = model(size, mb.Floating(start=(0.0, 0.0, 1.5 * size, 1.0, 0.0, 0.0, 0.0)), 0.4, crown=1.0, damping=0.0)
@@ -202,6 +239,9 @@ def test_the_linear_motion_of_a_skid_is_that_of_its_bristle() -> None:
         ({"radius": 0.0}, "radius of"),
         ({"crown_radius": 2.0}, "crown_radius of"),
         ({"friction": 0.0}, "friction of"),
+        ({"static": 0.4}, "static of .* at least friction"),
+        ({"static": 0.6}, "stribeck of"),
+        ({"static": 0.6, "stribeck": 0.0}, "stribeck of"),
         ({"deflection": -1.0}, "deflection of"),
         ({"stiffness": 0.0}, "stiffness of"),
         ({"axis": "w"}, "axis of"),

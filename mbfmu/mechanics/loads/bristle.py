@@ -126,6 +126,24 @@ def signal_of_normal(force: BristleRecord, t: float, arrays: Arrays, state: Stat
     return signal_value(force.normal, t, arrays)
 
 
+def check_static(what: str, name: str, sliding: float, static: float | None, stribeck: float | None) -> None:
+    """Raise UserError for invalid static friction; ``sliding`` is the friction of sliding, the parameter ``name``."""
+    if stribeck is not None:
+        positive(f"stribeck of {what}", stribeck)
+    if static is not None and positive(f"static of {what}", static) < sliding:
+        raise UserError(f"static of {what} is {static!r}; allowed: at least {name}, {sliding!r}")
+    if static is not None and static > sliding and stribeck is None:
+        raise UserError(
+            f"stribeck of {what} is not given; give the velocity at which static friction decreases to {name}"
+        )
+
+
+def fill_static(record: Any, sliding: float, static: float | None, stribeck: float | None) -> None:
+    """Write static friction and its velocity."""
+    record["static"] = sliding if static is None else static
+    record["stribeck"] = np.inf if stribeck is None else stribeck
+
+
 @dataclass(frozen=True, kw_only=True)
 class BristleFriction(Force):
     """Base class of dry friction with stick.
@@ -174,14 +192,7 @@ class BristleFriction(Force):
         not_negative(f"viscous of {what}", self.viscous)
         if self.deflection is not None:
             positive(f"deflection of {what}", self.deflection)
-        if self.stribeck is not None:
-            positive(f"stribeck of {what}", self.stribeck)
-        if self.static is not None and positive(f"static of {what}", self.static) < coulomb:
-            raise UserError(f"static of {what} is {self.static!r}; allowed: at least coulomb, {self.coulomb!r}")
-        if self.static is not None and self.static > coulomb and self.stribeck is None:
-            raise UserError(
-                f"stribeck of {what} is not given; give the velocity at which static friction decreases to coulomb"
-            )
+        check_static(what, "coulomb", coulomb, self.static, self.stribeck)
 
     @property
     def follows_reaction(self) -> bool:
@@ -215,8 +226,7 @@ class BristleFriction(Force):
         else:
             record["normal"] = site.signal(self.normal_force, f"normal_force of {site.name}")
         record["coulomb"], record["viscous"] = self.coulomb, self.viscous
-        record["static"] = self.coulomb if self.static is None else self.static
-        record["stribeck"] = np.inf if self.stribeck is None else self.stribeck
+        fill_static(record, self.coulomb, self.static, self.stribeck)
         record["deflection"] = self.deflection or 0.0
 
     def fill_estimates(self, record: Any, inertia: float, size: float) -> None:

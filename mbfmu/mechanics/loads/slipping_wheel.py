@@ -28,7 +28,7 @@ from solvers.compiled.kernel import kernel
 from solvers.compiled.record import Vec3, f8
 
 from .base import FirstOrderState, Force, PointPairRecord, Points, fill_points
-from .bristle import BristleRecord, bristle_factors, deflection_of, yielding_factor
+from .bristle import BristleRecord, bristle_factors, check_static, deflection_of, fill_static, yielding_factor
 from .stops import LimitRecord, stop_force
 
 if TYPE_CHECKING:
@@ -122,9 +122,10 @@ def misplacement(force: SlippingWheelRecord, arrays: Arrays, state: State) -> fl
 class SlippingWheel(Force):
     """Wheel of body a on a plane of body b, elastic and with dry friction: it may lift, stick, roll and slip.
 
-    The friction is opposite to the slip, with at most ``friction`` times the normal force in all directions. It acts
-    without slip, too: a wheel rolls, and stands on a slope, without creep while the friction is below 0.9 times the
-    largest one. The axle must not become normal to the plane.
+    The friction is opposite to the slip, with at most ``static`` times the normal force in all directions, and
+    ``friction`` times the normal force if the wheel slips. It acts without slip, too: a wheel rolls, and stands on a
+    slope, without creep while the friction is below 0.9 times the largest one. The axle must not become normal to the
+    plane.
 
     Parameters
     ----------
@@ -142,7 +143,13 @@ class SlippingWheel(Force):
     damping
         Damping c along the normal, s/m: force k x (1 + c x') as that of a :class:`.JointStop`.
     friction
-        Coefficient of friction.
+        Coefficient of friction of a wheel that slips.
+    static
+        Coefficient of static friction, at least ``friction``. Default: ``friction``.
+    stribeck
+        Slip vs, m/s, of the decrease from ``static`` to ``friction`` as exp(-(slip / vs)^2). Required if ``static`` is
+        larger than ``friction``. It must be much larger than sqrt(friction N d / m), the velocity of the vibration of
+        the bristle, with the normal force N, the deflection d and the mass m.
     deflection
         Displacement at which the friction breaks away if the wheel is at rest, m. Default: 1e-4 of the radius.
     at_a, at_b
@@ -164,6 +171,8 @@ class SlippingWheel(Force):
     stiffness: float
     damping: float = 0.0
     friction: float
+    static: float | None = None
+    stribeck: float | None = None
     deflection: float | None = None
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
@@ -180,7 +189,7 @@ class SlippingWheel(Force):
         unit_axis(self.normal, f"normal of {what}")
         positive(f"stiffness of {what}", self.stiffness)
         not_negative(f"damping of {what}", self.damping)
-        positive(f"friction of {what}", self.friction)
+        check_static(what, "friction", positive(f"friction of {what}", self.friction), self.static, self.stribeck)
         if self.deflection is not None:
             positive(f"deflection of {what}", self.deflection)
 
@@ -198,8 +207,8 @@ class SlippingWheel(Force):
         record["first"], record["second"] = plane_axes(normal)
         record["stiffness"], record["damping"] = self.stiffness, self.damping
         record["lower"], record["upper"] = 0.0, np.inf
-        record["coulomb"] = record["static"] = self.friction
-        record["stribeck"], record["state"] = np.inf, site.first_state
+        record["coulomb"], record["state"] = self.friction, site.first_state
+        fill_static(record, self.friction, self.static, self.stribeck)
         record["deflection"] = DEFLECTION_PER_RADIUS * self.radius if self.deflection is None else self.deflection
 
     def fill_estimates(self, record: Any, inertia: float, size: float) -> None:
