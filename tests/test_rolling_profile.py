@@ -19,6 +19,7 @@ from mbfmu.session.kernels.profile_contacts import locate_contact
 from mbfmu.studies.check_report import format_findings
 from mbfmu.testing.identities import constraint_rates, random_state
 from mbfmu.util.errors import UserError
+from mbfmu.viewer.profiles import profile_shapes
 
 G = 9.81
 WAVE, HEIGHT = 6.0, 0.3  # length and amplitude of a sine, in radii of the wheel
@@ -516,3 +517,94 @@ def test_a_wheel_starts_on_its_profile_from_above_and_below() -> None:
         found = mb.simulate(m, 0.01, interval=0.01)
         x = brentq(lambda at, to=found["px"][0]: plane.center(at)[0][0] - to, -4.0, 4.0, xtol=1e-14)
         assert found["pz"][0] == pytest.approx(plane.center(x)[0][1], abs=1e-9)
+
+
+class Gutter(Sine):
+    """z = 0.3 x^2 / R, along whose bottom a wheel rolls."""
+
+    def __call__(self, x: Any) -> Slopes:
+        b = HEIGHT / self.R
+        return Slopes(b * x * x, 2.0 * b * x, 2.0 * b + 0.0 * x, 0.0 * x)
+
+    def options(self) -> dict[str, Any]:
+        """Return the arguments of a wheel in it."""
+        return {"profile": f"{HEIGHT / self.R!r} * x * x", "profile_interval": (-3.0 * self.R, 3.0 * self.R)}
+
+
+@pytest.mark.parametrize(
+    ("size", "froude", "crown"), [(1.0, 0.0, 0.2), (1e-3, 1.0, 0.2), (1e3, 0.4, 0.0), (1.0, 2.0, 0.5)]
+)
+def test_the_linear_motion_of_a_wheel_along_a_gutter(size: float, froude: float, crown: float) -> None:
+    """Eigenvalues about steady rolling are those of Newton and Euler's equations, differentiated by differences."""
+    coin, rate = Coin(Gutter(size), size, crown), np.sqrt(G / size)
+    spin, q, down = froude * rate, np.array((0.0, 0.0, 0.5 * np.pi, 0.0, 0.0)), np.array((0.0, 0.0, -G))
+    state, unit = np.r_[q, spin * coin.frame(q)[2]], np.repeat((size, 1.0, rate), (2, 3, 3))
+    A = np.empty((8, 8))
+    for k, way in enumerate(1e-3 * np.diag(unit)):
+        far, near = (coin.slopes(0.0, state + n * way, down) - coin.slopes(0.0, state - n * way, down) for n in (2, 1))
+        A[:, k] = (8.0 * near - far) / 12e-3 / unit
+    expected = np.linalg.eigvals(A) / rate
+    m = mb.Mechanism(gravity=down)
+    along = m.body("x", m.ground, mb.Translational(axis="x"))
+    across = m.body("y", along, mb.Translational(axis="y", rate=spin * size))
+    lift = m.body("z", across, mb.Translational(axis="z", start=size))
+    yaw = m.body("yaw", lift, mb.Revolute(axis="z", start=0.5 * np.pi))
+    lean = m.body("lean", yaw, mb.Revolute(axis="x"))
+    disk = m.body("disk", lean, mb.Revolute(axis="y"), mass=coin.m, inertia=(coin.A, coin.C, coin.A))
+    tire = mb.RollingWheel(radius=size, crown_radius=crown * size, **coin.profile.options())
+    m.cut("contact", tire, m.ground, disk)
+    found = np.linalg.eigvals(mb.equilibrium(m).state_space.A) / rate
+    assert found.shape == (8,)
+    found, expected = (np.sort_complex(np.round(own[np.abs(own) > 0.01], 7)) for own in (found, expected))
+    assert len(expected) >= 2
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("solver", ["adams", "radau"])
+def test_a_wheel_on_a_cart_that_moves_freely_keeps_momentum_and_energy(size: float, solver: str) -> None:
+    """The cart is a body with a trough, which the wheel pushes to and fro."""
+    mass, rate = 3.0 * size**3, np.sqrt(G / size)
+    m = mb.Mechanism(gravity=(0.0, 0.0, -G))
+    cart = m.body("cart", m.ground, mb.Translational(axis="x"), mass=mass)
+    along = m.body("along", cart, mb.Translational(axis="x", start=1.2 * size))
+    lift = m.body("lift", along, mb.Translational(axis="z", start=1.2 * size))
+    wheel = m.body("wheel", lift, mb.Revolute(axis="y"), mass=mass, inertia=(mass * size**2,) * 3)
+    m.cut("contact", mb.RollingWheel(radius=size, **Gutter(size).options()), cart, wheel)
+    m.output("cart", cart.velocity("x"))
+    m.output("wheel", wheel.velocity("x"))
+    m.output("energy", m.energy)
+    result = mb.simulate(m, 20.0 / rate, solver=solver, tolerance=1e-8)
+    assert np.abs(result["cart"]).max() > 0.1 * size * rate
+    assert np.abs(result["cart"] + result["wheel"]).max() < 1e-6 * size * rate
+    assert np.ptp(result["energy"]) < 1e-6 * mass * G * size
+    assert not result.inaccurate
+
+
+@pytest.mark.parametrize("part", [0.999, 1.001])
+def test_a_wheel_that_would_slip_on_a_slope_is_reported(part: float) -> None:
+    """Down a straight slope the friction is weight times sin(slope) / (1 + m R^2 / C)."""
+    slope, hoop = 0.4, 0.7
+    needed = np.tan(slope) * hoop / (1.0 + hoop)
+    plane = Planar(lambda x: Slopes(-np.tan(slope) * x, -np.tan(slope), 0.0, 0.0), 0.5, hoop)
+    table = mb.Table((-5.0, 20.0), (5.0 * np.tan(slope), -20.0 * np.tan(slope)))
+    plane.profile.options = lambda: {"profile": table}
+    result = mb.simulate(plane.model(0.0, 0.0, np.array((0.0, -G)), friction=part * needed), 1.0, tolerance=1e-8)
+    np.testing.assert_allclose(result["demand"], needed, rtol=1e-6)
+    found = [d.code for d in result.diagnostics if d.severity == "warning"]
+    assert found == (["slipping-wheel"] if part < 1.0 else [])
+
+
+def test_pictures_show_the_profile_where_its_wheel_comes() -> None:
+    sine = Sine(0.5)
+    m = Planar(sine, 0.5).model(0.4, 0.0, np.array((0.0, -G)))
+    compiled = CompiledMechanism(m)
+    poses = tuple(np.array([own]) for own in compiled.poses(0.0, compiled.assembly.start_positions()))
+    shapes = list(profile_shapes(m, poses))
+    assert {body.index for body, _ in shapes} == {0}
+    at = np.array([shape.at for _, shape in shapes])
+    center = Planar(sine, 0.5).center(0.4)[0]
+    assert at[:, 0].min() < center[0] - 1.0
+    assert at[:, 0].max() > center[0] + 1.0
+    np.testing.assert_allclose(at[:, 2], sine(at[:, 0]).h, atol=1e-3)
+    assert not list(profile_shapes(m, None))

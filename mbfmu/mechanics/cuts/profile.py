@@ -247,7 +247,8 @@ def function_points(low: float, high: float, width: float) -> Array:
 
 def derivatives_of(function: Any, x: Array, width: float) -> Array:
     """Return a function and its first two derivatives at places x (k,), m, by differences: (3, k)."""
-    return np.array([law.real_derivatives(function, float(at), width) for at in x], float).T
+    with np.errstate(all="ignore"):  # functions that are not compiled warn where they are not finite
+        return np.array([law.real_derivatives(function, float(at), width) for at in x], float).T
 
 
 @lru_cache(maxsize=64)  # a model is built many times, and has several wheels on one profile
