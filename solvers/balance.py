@@ -4,7 +4,7 @@ The balance of a run holds while
 
     |E - reference - W| <= min(explained, most) + rounding + energy floor,
 
-    explained = max(BOUND_FRACTION bound, min(bound, LAST_STEP_FACTOR (step bound + work error))),
+    explained = max(BOUND_FRACTION bound, min(bound, LAST_STEP_FACTOR (step bound + work error)), at work / extent),
     most      = max(MAX_ENERGY_FRACTION, 1 / extent) at work + work error,
 
 with W, bound, step bound, work error and extent of a reported row of :mod:`.energy_account`, and the reference energy:
@@ -12,7 +12,8 @@ that of the start plus every jump since. The bound takes the local errors of all
 one sign; in correct runs the energy error was at most 0.08 of it, and mostly 0.01. ``most`` is for runs in which that
 is more than there is: a part of the energy at work, which is the kinetic energy at its largest and what was exchanged.
 A motion whose extent is a few absolute tolerances is not known to that part: its first-order error of energy is the
-energy at work over the extent.
+energy at work over the extent. The steps do not explain this error where forces balance, as where a body is lifted off
+a stop: their bound contains the sum of the forces, the energy and the work contain each of them.
 """
 
 from __future__ import annotations
@@ -72,9 +73,10 @@ def energy_error_limit(record: BalanceRecord, energy: float, row: Any) -> float:
     """What the tolerance and rounding explain of the energy error of a state, J; a BalanceRecord."""
     bound, at_work = row[ENERGY_ERROR_BOUND], row[KINETIC_MAX] + row[EXCHANGED_ENERGY]
     rounding = ENERGY_ROUNDING * (abs(energy) + abs(record.reference_energy) + at_work + bound / record.tolerance)
-    most = max(MAX_ENERGY_FRACTION, 1.0 / max(1.0, row[EXTENT])) * at_work + row[MAX_WORK_ERROR]
+    one_tolerance = at_work / max(1.0, row[EXTENT])
+    most = max(MAX_ENERGY_FRACTION * at_work, one_tolerance) + row[MAX_WORK_ERROR]
     steps = max(BOUND_FRACTION * bound, min(bound, LAST_STEP_FACTOR * (row[STEP_BOUND] + row[MAX_WORK_ERROR])))
-    explained: float = min(steps, most) + rounding + record.energy_floor
+    explained: float = min(max(steps, one_tolerance), most) + rounding + record.energy_floor
     return explained
 
 
