@@ -98,7 +98,9 @@ class RestingStops:
         """Let stops hold what rests on them, of these, at which sensors are at the reported state; return why the run
         cannot continue, None: it can.
         """
-        for k in self._find_resting([k for k in stops if self.can_hold(k)]):
+        stops = [k for k in stops if self.can_hold(k)]
+        self._let_leave(stops)
+        for k in self._find_resting(stops):
             event, body = self._events[k], int(self._joints[k])
             if body >= 0:
                 reason = self._locked.lock(body, event.name, event.name)
@@ -110,6 +112,21 @@ class RestingStops:
             self.held[k] = event.value
             self._search.memory.bands[self._sensors[k]] = np.finfo(float).max  # it does not cross its value
         return None
+
+    def _let_leave(self, stops: list[int]) -> None:
+        """Let sensors leave these stops without an impact by errors of the solver, which may move them beyond."""
+        memory = self._search.memory
+        beyond = memory.directions * (self._search.sensor_values() - memory.crossed)
+        for k in stops:
+            own = self._sensors[k]
+            memory.bands[own] = max(2.0 * beyond[own], self._resolution(k, TIME_ACCURACY_RATIO))
+
+    def _resolution(self, stop: int, ratio: float) -> float:
+        """Return the distance from a stop at which a sensor is still at it; ``ratio`` is its part of the tolerance."""
+        body = int(self._joints[stop])
+        size = self._compiled.length if body < 0 else self._compiled.locks.size_of(body)
+        rounding = SAME_PLACE_RATIO * (size + abs(self._events[stop].value))
+        return float(ratio * self._run.stepper.options.rtol * size + rounding)
 
     def _stopped(self, stop: int) -> Array:
         """Return the velocities (n,) after an impact on a stop without rebound."""
@@ -175,11 +192,10 @@ class RestingStops:
         self._resize()
         off = np.abs(self._search.sensor_values() - self._search.memory.crossed)
         for k in stops:
-            body, event = int(self._joints[k]), self._events[k]
-            size = self._compiled.length if body < 0 else self._compiled.locks.size_of(body)
             sensor = self._sensors[k]
-            projected = 2.0 * off[sensor] if held[k] == event.value else 0.0  # error of the constraint equation
-            self._search.memory.bands[sensor] = projected + SAME_PLACE_RATIO * (size + abs(event.value))
+            # error of the constraint equation; a stop that has moved is not left
+            projected = 2.0 * off[sensor] if held[k] == self._events[k].value else 0.0
+            self._search.memory.bands[sensor] = projected + self._resolution(k, 1.0)
 
     def release_pulled(self) -> list[Event]:
         """Release the stops whose force would pull at the reported state, or which have moved; return their events."""
