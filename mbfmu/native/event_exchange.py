@@ -100,7 +100,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     """
     project_at, keep, restore = formulation.project, formulation.keep, formulation.restore
     makes_jumps, update_at = family.jumps is not None, jit_uncached(update)
-    bounce, push, lock = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
+    bounce, push, lock, adapt = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
 
     @jit_uncached
     def evaluate(instance: Any, t: float) -> int:
@@ -149,8 +149,11 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             if failure == NO_FAILURE:
                 let_jump(instance)
                 hold_joint(instance, action.place)
+                failure = adapt(instance)
         elif action.kind == RELEASE:
             failure = release_joint(instance, action.place)
+            if failure == NO_FAILURE:
+                failure = adapt(instance)
         if failure != NO_FAILURE:
             stop_by_event(events, action.event, failure)
         return OK

@@ -5,7 +5,8 @@ of motion with p in place of the forces. Without matrices, M^-1 p is found by th
 
 A joint is locked by the signal that it follows then, as a driven joint, and keeps its places among the free
 coordinates, where its velocity and its acceleration are zero. In the matrices its rows and columns are decoupled, see
-:func:`.recursions.dynamics.decouple_locked_joints`; the recursions treat it as driven.
+:func:`.recursions.dynamics.decouple_locked_joints`; the recursions treat it as driven. In loops the rank of the
+constraints is found again, since constraint equations may depend on each other then.
 """
 
 from __future__ import annotations
@@ -20,7 +21,17 @@ from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regul
 from solvers.projection.workspace import evaluate_and_factor
 
 from .event_actions import fill_approach_rates, fill_slopes, solve_impacts, stop_by_event
-from .event_memory import BOUNCE, MASSLESS, NO_FAILURE, NOT_LOCKED, PRESCRIBED, SINGULAR, EventMemory
+from .event_memory import (
+    BOUNCE,
+    MASSLESS,
+    NO_FAILURE,
+    NOT_LOCKED,
+    PRESCRIBED,
+    PRESCRIBED_LOCK,
+    SINGULAR,
+    EventMemory,
+)
+from .exchange_memory import RESTART
 
 
 class Jumps(NamedTuple):
@@ -28,7 +39,9 @@ class Jumps(NamedTuple):
 
     prepare: Any  # (instance) -> one of FAILURES: the factors at the reported state
     respond: Any  # (instance, impulse (n,), response (n,)) -> one of FAILURES: the jump, by these factors
-    locks: bool  # whether joints can be locked, if there are no constraints
+    locks: bool  # whether joints can be locked
+    # (instance, t) -> code and rate (1/s): adapts the solver to constraints of another rank; None: it has none
+    adapt: Any = None
 
 
 class JumpKernels(NamedTuple):
@@ -37,6 +50,7 @@ class JumpKernels(NamedTuple):
     bounce: Any  # (instance) -> bool: the impacts of the stops that are due; False: there is none, or it stops the run
     push: Any  # (instance, place, value) -> one of FAILURES: an impulse on one coordinate
     lock: Any  # (instance, lock) -> one of FAILURES: the impulse that brings the rate of a joint to zero
+    adapt: Any  # (instance) -> one of FAILURES: adapts the solver to joints that were locked or released
 
 
 @kernel
@@ -106,6 +120,10 @@ def hold_joint(instance: Any, lock: int) -> None:
     for k in range(1, polynomial.c.shape[0]):
         polynomial.c[k] = 0.0
     arrays.bodies[own.body].drive, own.is_locked = own.signal, 1
+    for k in range(arrays.couplings.shape[0]):
+        coupling, place = arrays.couplings[k], arrays.bodies[own.body].vi
+        coupling.fa = -1 if coupling.va == place else coupling.fa
+        coupling.fb = -1 if coupling.vb == place else coupling.fb
     arrays.world[0].drives = 1
     instance.session.balance[0].has_one_freedom = 0
 
@@ -116,8 +134,12 @@ def release_joint(instance: Any, lock: int) -> int:
     locks = instance.events.locks
     if lock < 0 or locks[lock].is_locked == 0:
         return NOT_LOCKED
-    locks[lock].is_locked = 0
-    instance.eqs.data.arrays.bodies[locks[lock].body].drive = -1
+    own, arrays = locks[lock], instance.eqs.data.arrays
+    own.is_locked, arrays.bodies[own.body].drive = 0, -1
+    for k in range(arrays.couplings.shape[0]):
+        coupling, place = arrays.couplings[k], arrays.bodies[own.body].vi
+        coupling.fa = own.velocity if coupling.va == place else coupling.fa
+        coupling.fb = own.velocity if coupling.vb == place else coupling.fb
     return NO_FAILURE
 
 
@@ -128,6 +150,15 @@ def is_locked(instance: Any, velocity: int) -> bool:
     for k in range(locks.shape[0]):
         found = found or (locks[k].velocity == velocity and locks[k].is_locked == 1)
     return found
+
+
+@kernel
+def failure_of_immobile_joint(instance: Any, place: int) -> int:
+    """One of FAILURES for a joint whose rate no impulse changes: it can be locked if constraints hold it at rest."""
+    if instance.lam.shape[0] == 0:
+        return MASSLESS
+    allowed = instance.options[0].rtol * instance.work.size[place]
+    return NO_FAILURE if abs(instance.v[place]) <= allowed else PRESCRIBED_LOCK
 
 
 @kernel
@@ -233,14 +264,27 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
     def lock(instance: Any, number: int) -> int:
         place, dv = instance.events.locks[number].velocity, instance.dv
         failure: int = push(instance, place, 1.0)
-        if failure != NO_FAILURE or not dv[place] > 0.0:
-            return failure if failure != NO_FAILURE else MASSLESS
+        if failure == NO_FAILURE and not dv[place] > 0.0:
+            failure = failure_of_immobile_joint(instance, place)
+            dv[place] = 1.0
+        if failure != NO_FAILURE:
+            return failure
         factor = -instance.v[place] / dv[place]
         for i in range(dv.shape[0]):
             dv[i] = -instance.v[i] if i == place else factor * dv[i]
         return NO_FAILURE
 
-    return JumpKernels(bounce, push, lock)
+    adapt_constraints = jumps.adapt
+
+    @jit_uncached
+    def adapt(instance: Any) -> int:
+        if instance.lam.shape[0] == 0:
+            return NO_FAILURE
+        code, _ = adapt_constraints(instance, instance.clock[0])
+        instance.exchange.times[RESTART] = 1.0  # positions before are on other branches
+        return NO_FAILURE if code == OK else SINGULAR
+
+    return JumpKernels(bounce, push, lock, adapt if adapt_constraints else never_adapt)
 
 
 @kernel
@@ -261,7 +305,13 @@ def never_lock(instance: Any, lock: int) -> int:
     return NO_FAILURE
 
 
-NO_JUMPS = JumpKernels(never_bounce, never_push, never_lock)
+@kernel
+def never_adapt(instance: Any) -> int:
+    """Of families without jumps, or without constraints."""
+    return NO_FAILURE
+
+
+NO_JUMPS = JumpKernels(never_bounce, never_push, never_lock, never_adapt)
 DENSE_JUMPS = Jumps(prepare_dense, respond_dense, locks=True)
 TREE_JUMPS = Jumps(prepare_tree, respond_tree, locks=True)
 IMPLICIT_TREE_JUMPS = TREE_JUMPS._replace(locks=False)  # the structured tangent has no locked joints

@@ -42,8 +42,20 @@ EVENT_REQUESTED_CODE = -12  # a completed step in model exchange has ended at an
 PARAMETER_CODE = -13  # an event sets a parameter; the step continues when it is called again
 NO_ROW = -1  # in place of an action: none is left from an interrupted step
 # Why an event stops a run
-FAILURES = ("NONE", "TOO_MANY", "RESTING", "MASSLESS", "PRESCRIBED", "SINGULAR", "BEYOND", "NOT_LOCKED")
-NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND, NOT_LOCKED = range(len(FAILURES))
+FAILURES = (
+    "NONE",
+    "TOO_MANY",
+    "RESTING",
+    "MASSLESS",
+    "PRESCRIBED",
+    "SINGULAR",
+    "BEYOND",
+    "NOT_LOCKED",
+    "PRESCRIBED_LOCK",
+)
+NO_FAILURE, TOO_MANY, RESTING, MASSLESS, PRESCRIBED, SINGULAR, BEYOND, NOT_LOCKED, PRESCRIBED_LOCK = range(
+    len(FAILURES)
+)
 
 
 class EventControlRecord(Record):

@@ -53,7 +53,7 @@ class Execution(NamedTuple):
 def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Execution:
     """Return what happens at the events of a family."""
     jump, restart = solver.jump, solver.restart
-    bounce, push, lock = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
+    bounce, push, lock, adapt = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
     set_input = jit_uncached(sequence.set_input)
 
     @jit_uncached
@@ -73,6 +73,13 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
             stop_by_event(instance.events, event, failure)
 
     @jit_uncached
+    def continue_with_other_locks(instance: Any, event: int) -> None:
+        failure = adapt(instance)
+        if failure != NO_FAILURE:
+            stop_by_event(instance.events, event, failure)
+        restart(instance)
+
+    @jit_uncached
     def lock_joint(instance: Any, event: int, place: int) -> None:
         if instance.events.locks[place].is_locked == 1:
             return
@@ -82,13 +89,13 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
             return
         let_jump(instance)
         hold_joint(instance, place)
-        restart(instance)
+        continue_with_other_locks(instance, event)
 
     @jit_uncached
     def unlock_joint(instance: Any, event: int, place: int) -> None:
         failure = release_joint(instance, place)
         if failure == NO_FAILURE:
-            restart(instance)
+            continue_with_other_locks(instance, event)
         else:
             stop_by_event(instance.events, event, failure)
 

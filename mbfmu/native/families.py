@@ -234,11 +234,18 @@ def begin_esdirk(instance: Any, t: float) -> tuple[int, float]:
 
 
 @kernel
+def adapt_ida(instance: Any, t: float) -> tuple[int, float]:
+    """Find rank, units and paces; return how the reported state was closed, and the rate."""
+    code, rank = project_and_scale(instance, t)
+    set_up_ida(instance.given, t, rank)
+    return code, instance.given.work.rate[0]
+
+
+@kernel
 def begin_ida(instance: Any, t: float) -> tuple[int, float]:
     """As ``IDAStepper`` is made."""
     set_ida_options(instance.options, instance.given)
-    code, rank = project_and_scale(instance, t)
-    set_up_ida(instance.given, t, rank)
+    code, _ = adapt_ida(instance, t)
     allocated = dense_ida.allocate(instance.given, t)
     return code if code != OK else allocated, instance.given.work.rate[0]
 
@@ -338,17 +345,18 @@ FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
         assemble_dense, begin_adams, evaluate_dense, solve_dense, True, checks_or_watches_energy, ADAMS_KERNELS,
-        jumps=DENSE_JUMPS,
+        jumps=DENSE_JUMPS._replace(adapt=begin_adams),
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
         assemble_dense, begin_radau, evaluate_dense, solve_dense, True, checks_energy, RadauMethod.kernels,
-        steps=ONE_STEP_STEPS, jumps=DENSE_JUMPS,
+        steps=ONE_STEP_STEPS, jumps=DENSE_JUMPS._replace(adapt=begin_radau),
     ),
     "ida": Family(
         dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
         assemble_dense, begin_ida, evaluate_dense, solve_dense, True, checks_energy, dense_ida.IDA_KERNELS,
-        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False, steps=IDA_STEPS, jumps=DENSE_JUMPS,
+        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False, steps=IDA_STEPS,
+        jumps=DENSE_JUMPS._replace(adapt=adapt_ida),
     ),
     "tree": Family(
         tree_loop, EXPLICIT_KERNELS, _explicit_equations, History.allocate,

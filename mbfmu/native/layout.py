@@ -214,6 +214,7 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "MASSLESS_EVENT_TEXT": run_messages.MASSLESS_EVENT,
     "NOT_LOCKED_TEXT": run_messages.NOT_LOCKED,
     "PRESCRIBED_BOUNCE_TEXT": run_messages.PRESCRIBED_BOUNCE,
+    "PRESCRIBED_LOCK_TEXT": run_messages.PRESCRIBED_LOCK,
     "RESTING_BOUNCE_TEXT": run_messages.RESTING_BOUNCE,
     "RUN_ENDED_TEXT": run_messages.RUN_ENDED,
     "SINGULAR_EVENT_TEXT": run_messages.SINGULAR_EVENT,

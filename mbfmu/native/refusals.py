@@ -49,11 +49,7 @@ def refuse_model(simulation: Simulation, family: str) -> None:
 
 def supported_events(simulation: Simulation, family: str) -> tuple[bool, bool, str]:
     """Return whether impulses, and locks of joints, are supported, and a description of such models if they are not."""
-    system, jumps = simulation.compiled.system, FAMILIES[family].jumps
+    jumps = FAMILIES[family].jumps
     if jumps is None:
         return False, False, "large models with cut joints or couplings"
-    if system.m:
-        return True, False, "models with cut joints or couplings"
-    if len(simulation.compiled.data.state.bearings):
-        return True, False, "models with joint friction that follows reactions"
     return True, jumps.locks, f"large models with the solver {simulation.solver_choice.solver!r}"

@@ -122,6 +122,11 @@ NOT_LOCKED = Diagnostic.error(
     "event {name!r} releases a joint at t = {t:.9g} s that is not locked",
     "Release a joint only after a Lock of this joint, or change the order of the events",
 )
+PRESCRIBED_LOCK = Diagnostic.error(
+    "prescribed-lock",
+    "event {name!r} cannot lock a joint at t = {t:.9g} s: drives prescribe its rate",
+    "Lock a joint that can move freely, or stop the drive",
+)
 PRESCRIBED_BOUNCE = Diagnostic.error(
     "prescribed-bounce",
     "event {name!r} cannot bounce at t = {t:.9g} s: drives, loop-closing joints or other stops prescribe the rate of "

@@ -48,7 +48,8 @@ def common_ancestor(i: int, k: int, arrays: Arrays) -> int:
 def propagate_row(i: int, end: int, G: Reals, row: int, arrays: Arrays, state: State, J: Reals) -> float:
     """Add to J[row] the power of the wrench G on body i for every free coordinate between it and the body ``end``.
 
-    Driven coordinates move at their known velocity; returns the power on them.
+    Driven coordinates move at their known velocity, also those of locked joints, which have free coordinates in native
+    FMUs; returns the power on them.
     """
     f = state.wrench
     driven = 0.0 * G[0]
@@ -58,7 +59,7 @@ def propagate_row(i: int, end: int, G: Reals, row: int, arrays: Arrays, state: S
         body = arrays.bodies[i]
         for k in range(body.nv):
             power = row_dot6(state.S, body.si + k, f)
-            if body.vf < 0:
+            if body.vf < 0 or body.drive >= 0:
                 driven += power * state.v[body.vi + k]
             else:
                 J[row, body.vf + k] += power

@@ -95,8 +95,8 @@ def evaluate_motion_terms(q: Reals, v: Reals, arrays: Arrays, state: State, term
     mass_matrix(arrays, state, terms.M)
     right_hand_side(arrays, state, terms.gamma)
     evaluate_position_rate(arrays, q, v, terms.qdot)
-    solve_reaction_friction(arrays, state, terms)
     decouple_locked_joints(arrays, terms)
+    solve_reaction_friction(arrays, state, terms)
 
 
 @kernel

@@ -229,9 +229,9 @@ def determine_friction(arrays: Arrays, state: State, terms: Terms) -> None:
         here.resistance = x
         state.Q[here.v] -= x
         state.tau[here.v] += x
-        free = arrays.bodies[here.body].vf
-        if free >= 0:
-            terms.h[free + here.v - arrays.bodies[here.body].vi] += x
+        body = arrays.bodies[here.body]
+        if body.vf >= 0 and body.drive < 0:
+            terms.h[body.vf + here.v - body.vi] += x
 
 
 @inlined

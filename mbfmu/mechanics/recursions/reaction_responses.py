@@ -42,11 +42,13 @@ def eliminate(n: int, m: int, arrays: Arrays, state: State, terms: Terms) -> boo
         for j in range(m):
             A[n + r, n + j] = 0.0
         A[n + r, size] = terms.gamma[r] * A[n + r, last]
+        if is_zero_row(r, n, terms):  # of joints that are locked: it has no force
+            A[n + r, n + r], A[n + r, size] = 1.0, 0.0
     for k in range(count):
         body = arrays.bodies[state.bearings[k].body]
         for i in range(size):
             A[i, size + 1 + k] = 0.0
-        if body.vf >= 0:
+        if body.vf >= 0 and body.drive < 0:
             free = body.vf + state.bearings[k].v - body.vi
             A[free, size + 1 + k] = A[free, last]
     if not solve_columns(A, size, size + 1 + count, MIN_SADDLE_PIVOT):
@@ -54,6 +56,15 @@ def eliminate(n: int, m: int, arrays: Arrays, state: State, terms: Terms) -> boo
     for i in range(size):
         for c in range(size, last):
             A[i, c] *= A[i, last]
+    return True
+
+
+@inlined
+def is_zero_row(r: int, n: int, terms: Terms) -> bool:
+    """Whether no coordinate changes a constraint equation."""
+    for i in range(n):
+        if terms.J[r, i] != 0.0:
+            return False
     return True
 
 

@@ -117,7 +117,7 @@ void describe_stop(Instance *own, int64_t code, char text[SAYS])
     static const char *const failed_events[] = {[EVENT_TOO_MANY] = TOO_MANY_EVENTS_TEXT, [EVENT_RESTING] = RESTING_BOUNCE_TEXT,
         [EVENT_MASSLESS] = MASSLESS_EVENT_TEXT, [EVENT_PRESCRIBED] = PRESCRIBED_BOUNCE_TEXT,
         [EVENT_SINGULAR] = SINGULAR_EVENT_TEXT, [EVENT_BEYOND] = START_BEYOND_STOP_TEXT,
-        [EVENT_NOT_LOCKED] = NOT_LOCKED_TEXT};
+        [EVENT_NOT_LOCKED] = NOT_LOCKED_TEXT, [EVENT_PRESCRIBED_LOCK] = PRESCRIBED_LOCK_TEXT};
     if (code == EVENT_FAILED) {
         const EventControl *control = (const EventControl *)(own->block + own->header->events_at);
         describe_event(own, failed_events[control->failure], text);
