@@ -227,6 +227,25 @@ def test_where_stability_sets_the_steps_an_implicit_solver_is_tried() -> None:
     assert "it is stiff" in found.hard
 
 
+@pytest.mark.parametrize("decay", [0.1, 20.0])
+def test_a_motion_that_dies_out_is_not_stiff_if_nothing_is_faster(decay: float) -> None:
+    """An oscillator of 5 rad/s that is damped by ``decay``: 0.1 swings, 20 has the rates 200 and 0.125 1/s.
+
+    In both cases radau takes fewer evaluations, since the motion dies out.
+    """
+    m = mb.Mechanism()
+    cart = m.body("cart", m.ground, mb.Translational(axis="x", start=0.1, fixed=True, nominal=1.0), mass=2.0)
+    m.force("spring", mb.JointSpring(stiffness=50.0, damping=20.0 * decay), cart)
+    found = mb.check(m, 40.0, solver="adams")
+    assert found.suits is not None
+    assert found.suits.solver == "radau"
+    assert found.stiffness is not None
+    fastest = 5.0 if decay < 1.0 else 5.0 * (decay + sqrt(decay**2 - 1.0))
+    assert abs(found.stiffness.eigenvalue) == pytest.approx(fastest, rel=1e-5)
+    assert ("it is stiff" in found.hard) == (decay > 1.0)
+    assert ("stiffness: none" in found.as_text()) == (decay < 1.0)
+
+
 def test_every_loop_of_a_singular_position_is_named_one_of_redundant_rows_too() -> None:
     near = mb.check(parallelogram(cranks=4), 2.0, solver="adams").nearest
     assert near is not None

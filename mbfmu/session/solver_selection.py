@@ -68,7 +68,7 @@ class SolverChoice(NamedTuple):
 
     solver: str
     reason: str = ""  # a clause with the numbers that decided
-    stiff: bool = False  # whether it was taken because an explicit one would take too many steps
+    stiff: bool = False  # whether it is an implicit one, because stability would limit the steps of an explicit one
 
     @property
     def diagnostics(self) -> list[Diagnostic]:
@@ -104,8 +104,10 @@ def select_solver(compiled: CompiledMechanism, states: Sequence[State], options:
     cost, least = (sum(family) / len(states) for family in zip(*costs, strict=True))
     numbers = f"per second of motion {cost:.3g} evaluations with {first!r}, and the cost of {least:.3g} with {other!r}"
     if least < cost:
-        return SolverChoice(other, f"stiff: {numbers}; {other_size}", True)
-    return SolverChoice(first, f"not stiff: {numbers}; {size}")
+        return SolverChoice(
+            other, f"cheaper where stability limits the steps of {first!r}: {numbers}; {other_size}", True
+        )
+    return SolverChoice(first, f"cheaper although stability limits its steps: {numbers}; {size}")
 
 
 def limit_order(

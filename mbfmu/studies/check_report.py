@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from solvers import Statistics
 
 MAX_LISTED_NAMES = 6  # loops that are reported one by one
+MIN_STIFF_RATE_RATIO = 10.0  # fastest eigenvalue, in units of the rate of the resolved motion, of what is stiff
 LOCKED_CODES = {"locked-mechanism", "locked-loop"}
 OUTPUTS_PER_STEP_LIMIT = 3  # outputs to a step from which on they cost more than it
 
 
 def reasons(found: Findings) -> tuple[str, ...]:
     """Return what makes a scene numerically difficult."""
-    near, stiff = found.nearest, found.suits is not None and found.suits.stiff
+    near, stiff = found.nearest, is_stiff(found)
     known = {
         "it does not start": found.freedom is None,
         "it stops early": found.failed and found.freedom is not None,
@@ -38,6 +39,16 @@ def reasons(found: Findings) -> tuple[str, ...]:
         "its constraints are redundant, and their reaction forces not unique": found.redundant,
     }
     return tuple(text for text, true in known.items() if true)
+
+
+def is_stiff(found: Findings) -> bool:
+    """Whether stability limits explicit steps, because something is much faster than the motion that is resolved.
+
+    An implicit solver may also be recommended for a motion that dies out, at which nothing is faster than the motion.
+    """
+    if found.suits is None or not found.suits.stiff:
+        return False
+    return found.stiffness is None or found.stiffness.ratio >= MIN_STIFF_RATE_RATIO  # None: eigenvalues are not known
 
 
 def format_findings(found: Findings) -> str:
@@ -137,7 +148,7 @@ def describe_stiffness(stiffness: Stiffness) -> str:
     if not value:
         return f"none: all eigenvalues are zero; the motion changes at {stiffness.own:.3g} 1/s ({examined})"
     swing = f", {abs(value.imag) / (2.0 * pi):.3g} Hz" if value.imag else ""
-    ratio = f"ratio {stiffness.ratio:.3g}" if stiffness.ratio > 1.0 else "none"
+    ratio = f"ratio {stiffness.ratio:.3g}" if stiffness.ratio >= MIN_STIFF_RATE_RATIO else "none"
     return (
         f"{ratio}; largest eigenvalue {value.real:.4g}{imaginary} 1/s (mainly {stiffness.coordinate!r}{swing}, "
         f"t = {stiffness.t:.4g} s), the motion with amplitudes above {format_tolerance(stiffness.tolerance)} changes "
