@@ -13,7 +13,16 @@ from typing import Any
 
 from mbfmu.mechanics.arrays.input_kernels import start_input
 from mbfmu.session.kernels.event_durations import note_duration, update_durations
-from mbfmu.session.kernels.event_points import BEGIN, HERE, VALUES, EventSearch, clear_found, fill_point, note_sides
+from mbfmu.session.kernels.event_points import (
+    BEGIN,
+    HERE,
+    VALUES,
+    EventSearch,
+    clear_found,
+    fill_point,
+    note_sides,
+    side_of,
+)
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.outcome import OK
 
@@ -82,6 +91,8 @@ def note_sides_of_durations(instance: Any, t: float) -> None:
     search = instance.search
     for k in range(search.sides.shape[0]):
         side = -search.sides[k] if search.found[k] == 1 else search.sides[k]
+        if side == 0:  # it began at its value, and no step has been completed since
+            side = side_of(search, HERE, k)
         note_duration(instance.events, k, t, float(side))
 
 

@@ -90,7 +90,7 @@ def paths(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     return {fmi: export(Lasting(), folder / f"lasting{fmi}.fmu", SETTINGS, native=True, fmi=fmi) for fmi in (2, 3)}
 
 
-VALUES = [{}, {"level": -0.1, "longer": 0.13}]
+VALUES = [{}, {"level": -0.1, "longer": 0.13}, {"level": 0.1, "longer": 0.3}]
 
 
 @pytest.mark.parametrize("values", VALUES)
@@ -111,11 +111,14 @@ def test_co_simulation(interval: float, values: dict[str, float], paths: dict[in
 
 
 @pytest.mark.parametrize("values", VALUES)
+@pytest.mark.parametrize("interval", [0.17, 3.0])
 @pytest.mark.parametrize("fmi", [2, 3])
-def test_model_exchange(fmi: int, values: dict[str, float], paths: dict[int, Path]) -> None:
-    """The importing tool locates the crossings, and the FMU requests a time event at the end of the time."""
+def test_model_exchange(fmi: int, interval: float, values: dict[str, float], paths: dict[int, Path]) -> None:
+    """The importing tool locates the crossings, and the FMU requests a time event at the end of the time. With the long
+    interval no step is completed before the first crossing.
+    """
     found = simulate_fmu(
-        str(paths[fmi]), stop_time=DURATION, output_interval=0.17, output=NAMES, start_values=values,
+        str(paths[fmi]), stop_time=DURATION, output_interval=interval, output=NAMES, start_values=values,
         fmi_type="ModelExchange", relative_tolerance=1e-9, record_events=False,
     )  # fmt: skip
     check(found, atol=2e-5, **values)
