@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -76,6 +77,59 @@ def names_in(text: str) -> set[str]:
         return {node.id for node in ast.walk(ast.parse(text, mode="eval")) if isinstance(node, ast.Name)}
     except (SyntaxError, ValueError, RecursionError):
         return set()
+
+
+def check_names(what: str, text: str, known: tuple[str, ...]) -> None:
+    """Raise UserError if an expression contains names that are not known, or names with dots; the message contains the
+    expression as it is written with ``uses``.
+    """
+    try:
+        tree = ast.parse(text, mode="eval")
+    except (SyntaxError, ValueError, RecursionError):
+        return  # from_text reports it
+    allowed = (*known, *FUNCTIONS)
+    dotted = [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    unknown = sorted(names_in(text) - set(allowed))
+    if not dotted and not unknown:
+        return
+    rewritten = WithoutDots()
+    new = ast.unparse(rewritten.visit(tree))
+    others = [name for name in sorted(names_in(new) - set(allowed)) if name not in rewritten.sources]
+    given = [*(f"{name!r}: {source}" for name, source in rewritten.sources.items()), *(f"{n!r}: ..." for n in others)]
+    if dotted:
+        reason = f"which contains {max(dotted, key=len)!r}; names in expressions have no dots"
+    else:
+        reason = f"where {unknown[0]!r} is not known; allowed: {', '.join(allowed)}"
+    raise UserError(
+        f'{what} is {text!r}, {reason}. Give other quantities with `uses`: "{new}", uses={{{", ".join(given)}}}'
+    )
+
+
+class WithoutDots(ast.NodeTransformer):
+    """Replaces ``crank.angle`` and ``crank.angle()`` in an expression by ``crank_angle``.
+
+    Attributes
+    ----------
+    sources
+        What the new names stand for, in Python.
+    """
+
+    def __init__(self) -> None:
+        self.sources: dict[str, str] = {}
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        """Replace the call of a method."""
+        return self._named(node, node.func) if isinstance(node.func, ast.Attribute) else self.generic_visit(node)
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        """Replace an attribute."""
+        return self._named(node, node)
+
+    def _named(self, node: ast.expr, attribute: ast.Attribute) -> ast.Name:
+        name = "_".join(re.findall(r"[A-Za-z0-9_]+", ast.unparse(attribute)))
+        source = ast.unparse(node)
+        self.sources[name] = source if isinstance(node, ast.Call) else f"{source}()"
+        return ast.Name(name, ast.Load())
 
 
 def law_of(what: str, given: Any, names: tuple[str, ...]) -> Any:

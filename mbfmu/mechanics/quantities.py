@@ -10,19 +10,24 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numba import types
 from numba.extending import overload
 
 from mbfmu.mechanics import law
-from mbfmu.mechanics.dispatch import part_sensor_value, signal_value
+from mbfmu.mechanics.dispatch import READ, part_sensor_value, signal_value
 from mbfmu.mechanics.kind import Attachment, ElementType
 from mbfmu.mechanics.quantity_kinds import BLOCK, MAX_QUANTITIES, POSITION, SENSOR, SIGNAL, TIME, VELOCITY
 from mbfmu.mechanics.reading import block_value
 from mbfmu.util.errors import UserError, short
-from solvers.compiled.kernel import is_kernel, jit_uncached
+from solvers.compiled.indirect_call import call_f
+from solvers.compiled.kernel import inlined, is_kernel, jit_uncached
+
+if TYPE_CHECKING:
+    from mbfmu.mechanics.records import Arrays, State
+    from solvers.compiled.record import Reals
 
 # How a kernel reads quantity number k; places are those in State.q or State.v, or numbers of signals and parts
 READERS = {
@@ -33,6 +38,10 @@ READERS = {
     SENSOR: "part_sensor_value(record.places[{k}], arrays, state)",
     BLOCK: "block_value(record.places[{k}], t, arrays, state)",
 }
+
+
+# ... where multipliers and accelerations are known
+OUTPUT_READERS = {SENSOR: "read_part(record.places[{k}], lam, arrays, state)"}
 
 
 class StateReference(Protocol):
@@ -71,8 +80,10 @@ class QuantityLaw:
     own
         Kinds of the names that the owner of the law defines.
     uses
-        Other quantities by name: numbers, signals, inputs, functions of time, states, blocks, and sensors of positions
-        and velocities.
+        Other quantities by name: numbers, signals, inputs, functions of time, states, blocks, expressions, and sensors
+        of positions and velocities.
+    any_sensor
+        Whether sensors of forces and accelerations are allowed, too: the law is read where these are known.
 
     Attributes
     ----------
@@ -87,7 +98,9 @@ class QuantityLaw:
         A name is unknown or not used, a quantity is of another kind, or the law cannot be compiled.
     """
 
-    def __init__(self, what: str, given: Any, own: Mapping[str, int], uses: Mapping[str, Any]) -> None:
+    def __init__(
+        self, what: str, given: Any, own: Mapping[str, int], uses: Mapping[str, Any], *, any_sensor: bool = False
+    ) -> None:
         if not isinstance(uses, Mapping) or not all(isinstance(name, str) and name.isidentifier() for name in uses):
             raise UserError(f"uses of {what} is {short(uses)}; allowed: quantities by names such as 'angle'")
         for name in uses:
@@ -101,7 +114,10 @@ class QuantityLaw:
             raise UserError(f"{what} has {len(names)} arguments; allowed: at most {MAX_QUANTITIES}")
         self.what = what
         self.quantities = tuple(
-            Quantity(name, own[name], None) if name in own else quantity_of(what, name, uses[name]) for name in names
+            Quantity(name, own[name], None)
+            if name in own
+            else quantity_of(what, name, uses[name], any_sensor=any_sensor)
+            for name in names
         )
         self.function = law.law_of(what, given, names)
 
@@ -113,6 +129,12 @@ class QuantityLaw:
     def value_kernel(self) -> Any:
         """Return the kernel (record, t, arrays, state) -> value of a record with the field ``places``."""
         return kernel_of_value(self.function, self.kinds)
+
+    def reading_kernel(self) -> Any:
+        """Return the kernel (record, lam, arrays, state) -> value of such a record for outputs, see
+        :mod:`.sensors.base`.
+        """
+        return kernel_of_value(self.function, self.kinds, is_output=True)
 
     def fill(self, record: Any, site: Attachment, own: Mapping[str, int]) -> None:
         """Write the places of the arguments; ``own`` has those of the names that the owner defines."""
@@ -134,11 +156,7 @@ def place_of(quantity: Quantity, site: Attachment, what: str) -> int:
 def names_of(what: str, given: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the arguments of a law; UserError for one that is not known."""
     if isinstance(given, str):
-        for name in sorted(law.names_in(given) - {*known, *law.FUNCTIONS}):
-            raise UserError(
-                f"{what} is {given!r}, where {name!r} is not known; allowed: {', '.join((*known, *law.FUNCTIONS))}. "
-                "Give other quantities with `uses`"
-            )
+        law.check_names(what, given, known)
         found = tuple(name for name in known if name in law.names_in(given))
         return found or known[:1]  # a constant gets one argument
     if not callable(given):
@@ -159,8 +177,8 @@ def is_motion_quantity(source: Any) -> bool:
     return getattr(source, "is_state", False) or getattr(source, "is_block", False) or hasattr(source, "follows")
 
 
-def quantity_of(what: str, name: str, source: Any) -> Quantity:
-    """Return the quantity that a user gives; raises UserError."""
+def quantity_of(what: str, name: str, source: Any, *, any_sensor: bool = False) -> Quantity:
+    """Return the quantity that a user gives; raises UserError. ``any_sensor``: it may be one of forces, too."""
     if getattr(source, "is_state", False):
         return Quantity(name, VELOCITY, source)
     if getattr(source, "is_block", False):
@@ -168,7 +186,7 @@ def quantity_of(what: str, name: str, source: Any) -> Quantity:
     if getattr(source, "is_block_output", False):
         return Quantity(name, BLOCK, source)
     if hasattr(source, "follows"):  # a sensor
-        if not source.is_kinematic:
+        if not (any_sensor or source.is_kinematic):
             raise UserError(
                 f"{name!r} in {what} is a sensor of class {type(source).__name__}, whose value depends on forces or "
                 "accelerations; allowed: sensors of positions, velocities, states and outputs of blocks. Use one of "
@@ -183,18 +201,31 @@ def quantity_of(what: str, name: str, source: Any) -> Quantity:
     )
 
 
+@inlined
+def read_part(k: int, lam: Reals, arrays: Arrays, state: State) -> float:
+    """Value of part k, a sensor, where the state holds a solution with the multipliers ``lam`` (m,)."""
+    item = arrays.parts[k]
+    return call_f(arrays.kernels[item.kind + READ], arrays.memory, item.at, state.time, (lam, arrays, state))
+
+
 @cache
-def kernel_of_value(function: Any, kinds: tuple[int, ...]) -> Any:
-    """Return the kernel that reads the arguments of a law and evaluates it."""
-    read = ", ".join(f"{READERS[kind].format(k=k)} + zero" for k, kind in enumerate(kinds))
+def kernel_of_value(function: Any, kinds: tuple[int, ...], *, is_output: bool = False) -> Any:
+    """Return the kernel that reads the arguments of a law and evaluates it.
+
+    That of an output gets the multipliers ``lam`` in place of the time, which is that of the state.
+    """
+    readers = READERS | OUTPUT_READERS if is_output else READERS
+    read = ", ".join(f"{readers[kind].format(k=k)} + zero" for k, kind in enumerate(kinds))
     source = (
-        "def value(record, t, arrays, state):\n"
+        f"def value(record, {'lam' if is_output else 't'}, arrays, state):\n"
+        f"{'    t = state.time[0].real' if is_output else ''}\n"
         "    zero = 0.0 * state.time[0]\n"  # of the type of the state
         f"    return evaluate(function, {read})\n"
     )
     names = {
         "signal_value": signal_value,
         "part_sensor_value": part_sensor_value,
+        "read_part": read_part,
         "block_value": block_value,
         "evaluate": evaluator(len(kinds)),
         "function": function,

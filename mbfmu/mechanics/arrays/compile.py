@@ -32,7 +32,7 @@ from mbfmu.mechanics.records import (
     to_complex_data,
     to_complex_state,
 )
-from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor
+from mbfmu.mechanics.sensors import CouplingEffort, Energy, KineticEnergy, RowForce, Sensor, with_arguments
 from mbfmu.mechanics.signals import InUse
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import records
@@ -318,7 +318,8 @@ def flexible_records(mechanism: Mechanism, numbering: Numbering) -> tuple[Table[
 def check_rows(mechanism: Mechanism, kept: NDArray[np.int64]) -> None:
     """Raise UserError if an output reads a trivially satisfied equation of a cut joint or a coupling."""
     first = np.cumsum([0] + [len(c.rows) for c in mechanism.constraints])
-    for name, sensor, *_ in mechanism.outputs:
+    read = [(name, part) for name, sensor, *_ in mechanism.outputs for part in with_arguments(sensor)]
+    for name, sensor in read:
         if isinstance(sensor, CouplingEffort) and kept[first[len(mechanism.cuts) + sensor.item.index]] < 0:
             raise UserError(
                 f"output {name!r} reads coupling {sensor.item.name!r}, whose constraint is trivially satisfied "

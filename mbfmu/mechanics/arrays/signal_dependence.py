@@ -19,6 +19,8 @@ class SignalDependence:
         _, _, couplings, loads, sensors, signals, parts = compiled.ends
         self._loads = [acting.load for acting in mechanism.loads()]
         self._of_loads = compiled.used[couplings:loads]
+        self._sensors = compiled.sensors
+        self._of_sensors, self._parts_of_sensors = compiled.used[loads:sensors], compiled.used_parts[loads:sensors]
         self._of_signals = compiled.used[sensors:signals]
         self._parts_of_loads = compiled.used_parts[couplings:loads]
         own = slice(signals, parts)
@@ -32,6 +34,10 @@ class SignalDependence:
         found: set[int] = set()
         waiting = [signal for k in numbers for signal in self._of_loads[k]]
         parts, more = set[int](), [part for k in numbers for part in self._parts_of_loads[k]]
+        for own, other in enumerate(self._sensors):
+            if other is sensor:
+                waiting += self._of_sensors[own]
+                more += self._parts_of_sensors[own]
         while more:
             part = more.pop()
             if part not in parts:

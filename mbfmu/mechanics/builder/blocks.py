@@ -17,8 +17,9 @@ from mbfmu.mechanics.sensors import BlockOutput, Sensor
 from mbfmu.mechanics.transfer import matrix, realize, steady_states
 from mbfmu.util.errors import UserError
 
+from .expressions import Expressions
 from .loading import Acting
-from .states import StateHandle, States
+from .states import StateHandle
 
 NO_MATRIX = np.zeros((0, 0))
 
@@ -72,11 +73,11 @@ class BlockHandle:
         return self._outputs[k]
 
 
-class Blocks(States):
+class Blocks(Expressions):
     """Base of :class:`.Mechanism`: linear blocks.
 
     The inputs of blocks are numbers, signals, inputs, functions or expressions of time, first-order states, other
-    blocks and their outputs, and sensors of positions and velocities.
+    blocks and their outputs, sensors of positions and velocities, and expressions of these (:meth:`expression`).
     """
 
     def lag(

@@ -42,8 +42,8 @@ class Events(Sampled):
             Unique name among the events.
         sensor
             Quantity that crosses the value: a sensor of positions, velocities or first-order states, such as
-            ``arm.angle()``. A value that it has at the start of the run, or that it touches without crossing it, is no
-            event.
+            ``arm.angle()``, or an :meth:`expression` of these. A value that it has at the start of the run, or that it
+            touches without crossing it, is no event.
         crosses
             The value, in the unit of the sensor.
         direction
@@ -88,7 +88,8 @@ class Events(Sampled):
             if not sensor.is_kinematic:
                 raise UserError(
                     f"sensor of {what} is of class {type(sensor).__name__}, whose value depends on forces or "
-                    "accelerations; allowed: sensors of positions, velocities and states. Use one of these"
+                    "accelerations, or on time or inputs; allowed: sensors of positions, velocities and states, and "
+                    "expressions and blocks of these. Use one of these"
                 )
         if direction not in DIRECTIONS:
             raise UserError(f"direction of {what} is {direction!r}; allowed: {', '.join(map(repr, DIRECTIONS))}")

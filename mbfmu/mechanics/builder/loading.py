@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from mbfmu.mechanics.checks import Vector, vector
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads import Force, Load, PointForce, Pressure, Rope
-from mbfmu.mechanics.sensors import Sensor
+from mbfmu.mechanics.sensors import Expression, Sensor
 from mbfmu.mechanics.signals import Product, Signal
 from mbfmu.util.errors import UserError, short
 
@@ -253,6 +253,8 @@ class Loading(Graph):
 
     def _check_sensor(self, what: str, sensor: Sensor) -> None:
         """Raise UserError for a sensor that is not one of this mechanism; ``what`` is text such as "output 'x'"."""
+        if isinstance(sensor, Expression):
+            self._check_quantities(what, sensor.uses)
         for body in sensor.bodies or ((sensor.item,) if isinstance(sensor.item, Body) else ()):
             self._coordinate_owner(body, f"body of {what}")
         if isinstance(sensor.item, JointHandle) and not any(sensor.item is joint for joint in self.joints):
@@ -263,10 +265,16 @@ class Loading(Graph):
             raise UserError(
                 f"{what} is of {sensor.item.name!r}, which is not a constraint of this mechanism; use its own"
             )
+        if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
+            raise UserError(f"{what} is of force {sensor.item.name!r}, which is not one of this mechanism; use its own")
         if getattr(sensor.item, "mechanism", self) is not self:
             raise UserError(
                 f"{what} is of {sensor.item.name!r}, which is of another mechanism; use one of this mechanism"
             )
+
+    def _has(self, handle: ForceHandle) -> bool:
+        """Whether a force is one of this mechanism."""
+        return handle.index < len(self.forces) and self.forces[handle.index][1] is handle.load
 
     def _loads_named(self) -> list[str]:
         return [*(f[0] for f in self.forces), *(a.name for a in self.others)]

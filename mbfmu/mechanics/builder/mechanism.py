@@ -40,7 +40,7 @@ from .bodies import UNPLACED, Body, coordinate_of
 from .events import Events
 from .flexible_handle import FlexibleHandle
 from .graph import check_joint
-from .handles import CouplingHandle, CutHandle, ForceHandle, Mesh
+from .handles import CouplingHandle, CutHandle, Mesh
 from .joint_handle import JointHandle
 from .measurements import Measurements
 
@@ -344,10 +344,6 @@ class Mechanism(Appearance, Events, Measurements):
         if not isinstance(description, str):
             raise UserError(f"description of output {name!r} is {description!r}; allowed: text")
         self._check_sensor(f"output {name!r}", sensor)
-        if isinstance(sensor.item, ForceHandle) and not self._has(sensor.item):
-            raise UserError(
-                f"output {name!r} is of force {sensor.item.name!r}, which is not one of this mechanism; use its own"
-            )
         self.outputs.append((name, sensor, description, nominal))
 
     def __getattr__(self, name: str) -> object:
@@ -374,7 +370,3 @@ class Mechanism(Appearance, Events, Measurements):
                     "output() first"
                 )
         self.shown_outputs = list(dict.fromkeys((*self.shown_outputs, *names)))
-
-    def _has(self, handle: ForceHandle) -> bool:
-        """Whether a force is one of this mechanism."""
-        return handle.index < len(self.forces) and self.forces[handle.index][1] is handle.load

@@ -135,7 +135,9 @@ class JointForce(Force):
     uses: Mapping[str, Any] = field(default_factory=dict, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
-        """Compile a function of the coordinate."""
+        """Compile a function of the coordinate, and check the names in an expression."""
+        if isinstance(self.magnitude, str) and not self.uses:
+            law.check_names("magnitude of a JointForce", self.magnitude, tuple(FORCE_QUANTITIES))
         if is_motion_quantity(self.magnitude):
             if self.uses:
                 raise UserError("a JointForce has uses, and its magnitude is no function or expression; leave out uses")

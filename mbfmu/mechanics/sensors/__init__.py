@@ -7,6 +7,7 @@ from .base import Follows, Sensor, axis_index
 from .blocks import BlockOutput
 from .coordinates import Acceleration, Coordinate, Effort, Rate, Turn
 from .energies import Energy, JacobiIntegral, KineticEnergy, PotentialEnergy, Residual, largest_residual
+from .expression import Expression, with_arguments
 from .forces import CouplingEffort, CutForce, DeclaredJointForce, JointForce, RequiredFriction, RowForce
 from .loads import LoadEffort, LoadWrench
 from .pairs import AngleBetween, Distance, DistanceRate, RelativePosition, RelativeVelocity
@@ -32,6 +33,7 @@ __all__ = [
     "DistanceRate",
     "Effort",
     "Energy",
+    "Expression",
     "Follows",
     "JacobiIntegral",
     "JointForce",
@@ -60,4 +62,5 @@ __all__ = [
     "VonMisesStress",
     "axis_index",
     "largest_residual",
+    "with_arguments",
 ]

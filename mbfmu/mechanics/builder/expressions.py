@@ -1,0 +1,47 @@
+"""Expressions of time, inputs, states, blocks and sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mbfmu.mechanics.sensors import Expression, Sensor
+from mbfmu.util.units import read_unit
+
+from .states import States
+
+
+class Expressions(States):
+    """Base of :class:`.Mechanism`: expressions of other quantities."""
+
+    def expression(self, law: Any, *, uses: Mapping[str, Any] | None = None, unit: str = "1") -> Sensor:
+        """Function or expression of time, inputs, states, blocks and other sensors, such as the power of a motor.
+
+        Parameters
+        ----------
+        law
+            Function or expression of the time ``t`` (s) and of the names in ``uses``, in any order:
+            ``"torque * rate"``. A name has no dots: ``"k * (target - angle)"`` with
+            ``uses={"k": 3.0, "target": target, "angle": crank.angle()}``.
+        uses
+            Quantities by their names: numbers, signals, inputs, functions of time, states, blocks, other expressions
+            and sensors, 8 at most with ``t``.
+        unit
+            Unit of the result in the notation of FMI; ``"1"``: none. Numbers are not converted.
+
+        Returns
+        -------
+        Sensor
+            An output. With sensors of positions and velocities, states and blocks only, also the quantity of an
+            :meth:`event`, and, in addition with time and inputs, an argument of laws, of forces and of blocks.
+
+        Raises
+        ------
+        UserError
+            The unit or the law is invalid, a name is not known or not used, or a quantity is of another mechanism.
+        """
+        read_unit(unit)
+        given = dict(uses or {})
+        made = Expression(unit=unit, law=law, uses=given)
+        self._check_quantities(made.what, given)
+        return made

@@ -1,0 +1,138 @@
+"""Expressions of sensors as outputs, quantities of events and arguments of laws, against closed forms and NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbfmu as mb
+from mbfmu.mechanics import CompiledMechanism
+from mbfmu.util.errors import UserError
+
+FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "arctan")} | {"abs": np.abs}
+
+
+def cart(start: float = 0.0) -> tuple[mb.Mechanism, Any]:
+    """A cart of 2 kg without gravity."""
+    m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
+    return m, m.body("cart", m.ground, mb.Translational(axis="x", start=start, nominal=1.0), mass=2.0)
+
+
+def test_power_of_a_force_is_force_times_velocity() -> None:
+    m, body = cart()
+    push = m.force("push", mb.JointForce(mb.Input(name="force", unit="N", start=3.0)), body)
+    m.output("power", m.expression("F * v", uses={"F": push.effort(), "v": body.rate()}, unit="W"))
+    m.output("work", m.expression("E - E0", uses={"E": m.kinetic_energy, "E0": 0.0}, unit="J"))
+    m.output("late", m.expression("t * F", uses={"F": push.effort()}, unit="N.s"))
+    result = mb.simulate(m, 2.0, solver="adams", tolerance=1e-9)
+    np.testing.assert_allclose(result["power"], 4.5 * result.t, atol=1e-8)  # F^2 t / m
+    np.testing.assert_allclose(result["work"], 2.25 * result.t**2, atol=1e-8)
+    np.testing.assert_allclose(result["late"], 3.0 * result.t, atol=1e-12)
+    assert [own.unit for own in CompiledMechanism(m).outputs] == ["W", "J", "N.s"]
+    assert CompiledMechanism(m).feedthrough() == [(0,), (), (0,)]
+
+
+def random_text(random: np.random.Generator, names: list[str], depth: int) -> str:
+    """Return a random expression without poles."""
+    if depth == 0:
+        return str(random.choice([*names, f"{random.normal():.3f}"]))
+    a, b = (random_text(random, names, depth - 1) for _ in range(2))
+    function = random.choice(list(FUNCTIONS))
+    inner = f"abs({a})" if function == "sqrt" else f"-abs({a})" if function == "exp" else a
+    return str(
+        random.choice([f"({a} + {b})", f"{a} * {b}", f"({a} - {b})", f"{a} / (2 + {b}**2)", f"{function}({inner})"])
+    )
+
+
+@pytest.mark.parametrize("links", [3, 70])
+def test_random_expressions_of_sensors_have_the_values_of_numpy(links: int) -> None:
+    """Small models, and large ones that are solved by recursions."""
+    random = np.random.default_rng(links)
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    target = mb.Input(name="target", unit="rad", start=0.7)
+    link, at = m.ground, (0.0, 0.0, 0.0)
+    for k in range(links):
+        own = mb.rod(mass=1.0, length=1.0)
+        link = m.body(f"link{k}", link, mb.Revolute(at=at, start=-1.0 if k == 0 else 0.01 * k), **own)
+        at = (1.0, 0.0, 0.0)
+    first = m.bodies[1]
+    motor = m.force("motor", mb.JointForce("-0.5 * v", uses={}), first)
+    lag = m.lag("lag", first.angle(), time_constant=0.1, unit="rad")
+    sensors = {
+        "angle": first.angle(), "rate": first.angular_velocity("z"), "turn": first.acceleration(),
+        "height": link.position("y"), "torque": motor.effort(), "filtered": lag.value(),
+    }  # fmt: skip
+    for name, sensor in sensors.items():
+        m.output(name, sensor)
+    known = {**sensors, "filtered": lag, "target": target}
+    texts: dict[str, str] = {}
+    while len(texts) < 6:
+        text = random_text(random, list(known), 3)
+        names = {name for name in known if name in text}
+        if names:
+            inner = m.expression(text, uses={name: known[name] for name in sorted(names)})
+            texts[f"e{len(texts)}"] = text
+            m.output(f"e{len(texts) - 1}", m.expression("2 * inner + 1", uses={"inner": inner}))
+    result = mb.simulate(m, 0.05, solver="adams", tolerance=1e-5)
+    values = {name: result[name] for name in sensors} | {"target": np.full(len(result.t), 0.7)}
+    for name, text in texts.items():
+        expected = 2.0 * eval(text, dict(FUNCTIONS), values) + 1.0
+        np.testing.assert_allclose(result[name], expected, rtol=1e-12, atol=1e-12, err_msg=text)
+
+
+def test_events_of_expressions_are_located() -> None:
+    """x = cos t, v = -sin t: x v = -sin(2 t) / 2 falls through -1/4 at pi / 12 + k pi."""
+    m, body = cart(1.0)
+    m.force("spring", mb.JointSpring(stiffness=2.0), body)
+    product = m.expression("x * v", uses={"x": body.coordinate(), "v": body.rate()}, unit="m2/s")
+    m.event("falls", product, crosses=-0.25, direction="down")
+    result = mb.simulate(m, 7.0, solver="adams", tolerance=1e-10)
+    np.testing.assert_allclose([e.time for e in result.events], np.pi / 12.0 + np.arange(3) * np.pi, atol=1e-7)
+
+
+@pytest.mark.parametrize("way", ["magnitude", "uses", "block"])
+def test_laws_and_blocks_use_expressions(way: str) -> None:
+    """A spring towards an input: x = 0.5 (1 - cos(2 t)) with k = 8 N/m and 2 kg."""
+    m, body = cart()
+    uses = {"k": 8.0, "target": mb.Input(name="target", unit="m", start=0.5), "x": body.coordinate()}
+    pull = m.expression("k * (target - x)", uses=uses, unit="N")
+    if way == "magnitude":
+        law = mb.JointForce(pull)
+    elif way == "uses":
+        law = mb.JointForce("pull + 0 * t", uses={"pull": pull})
+    else:
+        law = mb.JointForce(m.limiter("limited", pull, lower=-100.0, upper=100.0, unit="N"))
+    m.force("spring", law, body)
+    m.output("x", body.coordinate())
+    result = mb.simulate(m, 2.0, solver="adams", tolerance=1e-9)
+    np.testing.assert_allclose(result["x"], 0.5 * (1.0 - np.cos(2.0 * result.t)), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("declare", "message"),
+    [
+        (
+            lambda m, body: mb.JointForce("k*(target - crank.angle)"),
+            r"""contains 'crank.angle'; names in expressions have no dots. Give other quantities with `uses`: """
+            r""""k * (target - crank_angle)", uses={'crank_angle': crank.angle(), 'k': ..., 'target': ...}""",
+        ),
+        (lambda m, body: mb.JointForce("gain * q"), """'gain' is not known; allowed: t, q, v, sin"""),
+        (lambda m, body: m.expression("cart.rate()"), """"cart_rate", uses={'cart_rate': cart.rate()}"""),
+        (lambda m, body: m.expression("x", uses={"x": body.rate(), "y": 1.0}), "has 'y', which the law does not"),
+        (lambda m, body: m.expression("x", uses={"x": cart()[1].rate()}), "which is not a body of this mechanism"),
+        (lambda m, body: m.expression("2 * t", unit="foo"), "unit is 'foo'"),
+        (lambda m, body: m.event("e", m.expression("t")), "Expression"),
+        (
+            lambda m, body: mb.JointForce(m.expression("2 * a", uses={"a": body.acceleration()})),
+            "Expression, whose value depends on forces or",
+        ),
+    ],
+)  # fmt: skip
+def test_what_an_expression_cannot_contain_is_refused(declare: Callable[..., Any], message: str) -> None:
+    m, body = cart()
+    with pytest.raises(UserError) as error:
+        declare(m, body)
+    assert message in str(error.value)
