@@ -19,7 +19,17 @@ from numba.extending import overload
 from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import READ, part_sensor_value, signal_value
 from mbfmu.mechanics.kind import Attachment, ElementType
-from mbfmu.mechanics.quantity_kinds import BLOCK, MAX_QUANTITIES, POSITION, SENSOR, SIGNAL, TIME, VELOCITY
+from mbfmu.mechanics.quantity_kinds import (
+    BLOCK,
+    LENGTH,
+    LENGTH_RATE,
+    MAX_QUANTITIES,
+    POSITION,
+    SENSOR,
+    SIGNAL,
+    TIME,
+    VELOCITY,
+)
 from mbfmu.mechanics.reading import block_value
 from mbfmu.util.errors import UserError, short
 from solvers.compiled.indirect_call import call_f
@@ -29,7 +39,8 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
     from solvers.compiled.record import Reals
 
-# How a kernel reads quantity number k; places are those in State.q or State.v, or numbers of signals and parts
+# How a kernel reads quantity number k; places are those in State.q or State.v, or numbers of signals and parts. The
+# length x of a line between two points and its rate v are further arguments of the kernel
 READERS = {
     TIME: "t",
     POSITION: "state.q[record.places[{k}]]",
@@ -37,6 +48,8 @@ READERS = {
     SIGNAL: "signal_value(record.places[{k}], t, arrays)",
     SENSOR: "part_sensor_value(record.places[{k}], arrays, state)",
     BLOCK: "block_value(record.places[{k}], t, arrays, state)",
+    LENGTH: "x",
+    LENGTH_RATE: "v",
 }
 
 
@@ -113,6 +126,7 @@ class QuantityLaw:
         if len(names) > MAX_QUANTITIES:
             raise UserError(f"{what} has {len(names)} arguments; allowed: at most {MAX_QUANTITIES}")
         self.what = what
+        self._is_along_line = LENGTH in own.values()
         self.quantities = tuple(
             Quantity(name, own[name], None)
             if name in own
@@ -127,8 +141,11 @@ class QuantityLaw:
         return tuple(quantity.kind for quantity in self.quantities)
 
     def value_kernel(self) -> Any:
-        """Return the kernel (record, t, arrays, state) -> value of a record with the field ``places``."""
-        return kernel_of_value(self.function, self.kinds)
+        """Return the kernel (record, t, arrays, state) -> value of a record with the field ``places``.
+
+        If the owner of the law defines the length of a line and its rate, these are two further arguments.
+        """
+        return kernel_of_value(self.function, self.kinds, is_along_line=self._is_along_line)
 
     def reading_kernel(self) -> Any:
         """Return the kernel (record, lam, arrays, state) -> value of such a record for outputs, see
@@ -209,7 +226,9 @@ def read_part(k: int, lam: Reals, arrays: Arrays, state: State) -> float:
 
 
 @cache
-def kernel_of_value(function: Any, kinds: tuple[int, ...], *, is_output: bool = False) -> Any:
+def kernel_of_value(
+    function: Any, kinds: tuple[int, ...], *, is_output: bool = False, is_along_line: bool = False
+) -> Any:
     """Return the kernel that reads the arguments of a law and evaluates it.
 
     That of an output gets the multipliers ``lam`` in place of the time, which is that of the state.
@@ -217,7 +236,7 @@ def kernel_of_value(function: Any, kinds: tuple[int, ...], *, is_output: bool = 
     readers = READERS | OUTPUT_READERS if is_output else READERS
     read = ", ".join(f"{readers[kind].format(k=k)} + zero" for k, kind in enumerate(kinds))
     source = (
-        f"def value(record, {'lam' if is_output else 't'}, arrays, state):\n"
+        f"def value(record, {'lam' if is_output else 't'}, arrays, state{', x, v' * is_along_line}):\n"
         f"{'    t = state.time[0].real' if is_output else ''}\n"
         "    zero = 0.0 * state.time[0]\n"  # of the type of the state
         f"    return evaluate(function, {read})\n"

@@ -3,4 +3,4 @@
 from __future__ import annotations
 
 MAX_QUANTITIES = 8  # arguments of a law, inputs of a block
-TIME, POSITION, VELOCITY, SIGNAL, SENSOR, BLOCK = range(6)
+TIME, POSITION, VELOCITY, SIGNAL, SENSOR, BLOCK, LENGTH, LENGTH_RATE = range(8)

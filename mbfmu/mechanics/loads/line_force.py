@@ -6,17 +6,19 @@ Its stroke may have limits; see :mod:`.stops` for what acts beyond them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import i8
 
 from .base import Force, PointPairRecord, Points, fill_points
 from .distance_stop import DistanceStop
+from .given import LINE_QUANTITIES, GivenForce, LawRecord
 from .spring import connecting_line, pull_together
 from .stops import LimitRecord, dissipated_power, stop_energy, stop_force
 
@@ -84,8 +86,55 @@ class LimitedLineForce(Force):
     power = power_limited
 
 
+class LineLawRecord(LawRecord, PointPairRecord):
+    """Parameters of :class:`LineForce` whose magnitude is a law."""
+
+
+class StrokeLawRecord(LimitRecord, LineLawRecord):
+    """Parameters of :class:`LineForce` whose magnitude is a law, with limits of the stroke."""
+
+
+@cache
+def kernels_of(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes."""
+
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+        A, B = state.bodies[force.a], state.bodies[force.b]
+        line = connecting_line(force, A, B)
+        _, _, _, length, rate = line
+        pull_together(A, B, line, -value(force, t, arrays, state, length, rate) if length != 0.0 else 0.0 * length)
+
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+        return value(force, t, arrays, state, length, rate) * rate if length != 0.0 else 0.0 * length
+
+    return jit_uncached(apply), jit_uncached(power)
+
+
+@cache
+def limited_kernels_of(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes, with limits of the stroke."""
+
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+        A, B = state.bodies[force.a], state.bodies[force.b]
+        line = connecting_line(force, A, B)
+        _, _, _, length, rate = line
+        push = 0.0 * length
+        if length != 0.0:
+            push = value(force, t, arrays, state, length, rate) + stop_force(force, length, rate)
+        pull_together(A, B, line, -push)
+
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+        if length == 0.0:
+            return 0.0 * length
+        return value(force, t, arrays, state, length, rate) * rate + dissipated_power(force, length, rate)
+
+    return jit_uncached(apply), jit_uncached(power)
+
+
 @dataclass(frozen=True, kw_only=True)
-class LineForce(Force):
+class LineForce(GivenForce):
     """Force between a point of body a and a point of body b, along the line that joins them.
 
     Its generalized force on a coordinate q is the force times the derivative of the distance of the points by q.
@@ -93,8 +142,13 @@ class LineForce(Force):
     Parameters
     ----------
     magnitude
-        Force, N: number, signal or input. A positive force pushes the points apart, as the pressure in a
+        Force, N: number, signal or input; block such as a controller (:meth:`.Mechanism.pid`), state, or sensor of
+        positions and velocities; function or expression of the time t (s), the distance x of the points (m) and its
+        rate v (m/s): ``"200 * (0.8 - x) - 30 * v"``. With ``uses`` also of the names there. A function of one argument
+        that is neither x nor v is one of the time. A positive force pushes the points apart, as the pressure in a
         cylinder does; a negative one pulls them together, as a cable does.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     at_a, at_b
         Points in the frames of bodies a and b, m.
     lower, upper
@@ -115,8 +169,10 @@ class LineForce(Force):
     apply = apply
     power = power
     variants = (LimitedLineForce,)
+    law_quantities = LINE_QUANTITIES
+    law_record = LineLawRecord
+    kernels_of_law = kernels_of
 
-    magnitude: Any
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
     lower: float | None = None
@@ -128,6 +184,9 @@ class LineForce(Force):
         """Take the kernels of a limited stroke."""
         if self._is_limited:
             self.become(LimitedLineForce)
+            object.__setattr__(self, "law_record", StrokeLawRecord)
+            object.__setattr__(self, "kernels_of_law", limited_kernels_of)
+        super().__post_init__()
 
     @property
     def _is_limited(self) -> bool:
@@ -156,11 +215,11 @@ class LineForce(Force):
             )
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write the two points, the signal and the limits."""
+        """Write the two points, the magnitude and the limits."""
         if self._is_limited:
             self._stop().fill(record, site)
         fill_points(self, record, site)
-        record["signal"] = site.signal(self.magnitude, f"magnitude of {site.name}")
+        self.fill_magnitude(record, site)
 
     def points(self) -> Points:
         """Return its two points."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from mbfmu.mechanics.axes import unit_axis
@@ -10,10 +11,11 @@ from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.compiled.kernel import kernel
+from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import Record, Vec3, i8
 
-from .base import FIXED_IN, Force, Points, direction
+from .base import FIXED_IN, Points, direction
+from .given import GivenForce, LawRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -51,14 +53,49 @@ def power(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> fl
     return signal_value(force.signal, t, arrays) * speed
 
 
+class PointForceLawRecord(LawRecord):
+    """Parameters of :class:`PointForce` whose magnitude is a law."""
+
+    a: i8
+    turns: i8  # 1: the axis is of the body
+    Pa: Vec3  # body axes, m
+    axis: Vec3  # unit vector
+
+
+@cache
+def kernels_of(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes."""
+
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+        body = state.bodies[force.a]
+        f = value(force, t, arrays, state)
+        x, y, z = arm(body, force.Pa)
+        nx, ny, nz = direction(force, body)
+        add_force(body.F, x, y, z, f * nx, f * ny, f * nz)
+
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        body = state.bodies[force.a]
+        x, y, z = arm(body, force.Pa)
+        nx, ny, nz = direction(force, body)
+        Y = body.Y
+        speed = nx * (Y[0] + Y[4] * z - Y[5] * y) + ny * (Y[1] + Y[5] * x - Y[3] * z)
+        speed += nz * (Y[2] + Y[3] * y - Y[4] * x)
+        return value(force, t, arrays, state) * speed
+
+    return jit_uncached(apply), jit_uncached(power)
+
+
 @dataclass(frozen=True, kw_only=True)
-class PointForce(Force):
+class PointForce(GivenForce):
     """Force at a point of a body.
 
     Parameters
     ----------
     magnitude
-        Force, N: number, signal or input.
+        Force, N: number, signal or input; block, state, or sensor of positions and velocities, as the output of a
+        controller; function or expression of the time t (s), with ``uses`` also of the names there.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     axis
         Direction of the force.
     fixed_in
@@ -70,8 +107,9 @@ class PointForce(Force):
     record = PointForceRecord
     apply = apply
     power = power
+    law_record = PointForceLawRecord
+    kernels_of_law = kernels_of
 
-    magnitude: Any
     axis: Any = "y"
     at_a: Any = (0.0, 0.0, 0.0)
     fixed_in: str = "ground"
@@ -81,8 +119,9 @@ class PointForce(Force):
         one_of(f"fixed_in of {what}", self.fixed_in, FIXED_IN)
 
     def fill(self, record: Any, site: Attachment) -> None:
-        """Write its point, its axis and its signal."""
-        record["a"], record["signal"] = site.bodies[0], site.signal(self.magnitude, f"magnitude of {site.name}")
+        """Write its point, its axis and its magnitude."""
+        record["a"] = site.bodies[0]
+        self.fill_magnitude(record, site)
         record["Pa"] = vector(f"at_a of {site.name}", self.at_a)
         record["axis"] = unit_axis(self.axis, f"axis of {site.name}")
         record["turns"] = int(self.fixed_in == "body")
