@@ -129,6 +129,8 @@ def advise(compiled: CompiledMechanism, status: Status) -> str:
 
 def _causes(compiled: CompiledMechanism) -> Iterator[tuple[str, str]]:
     """Yield what may make a step collapse in a model, and what helps."""
+    if compiled.system.stick_reason:
+        yield compiled.system.stick_reason, "use a larger deflection of the friction"
     if any(True for _ in compiled.mechanism.loads()):
         yield "a force that jumps or has a kink", "smooth the force"
     if compiled.system.m:

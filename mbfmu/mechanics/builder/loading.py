@@ -11,6 +11,7 @@ from mbfmu.mechanics.loads import Force, Load, PointForce, Pressure, Rope
 from mbfmu.mechanics.sensors import Expression, Sensor
 from mbfmu.mechanics.signals import Product, Signal
 from mbfmu.util.errors import UserError, short
+from mbfmu.util.text_table import format_count
 
 from .bodies import UNPLACED, Body
 from .graph import Graph
@@ -87,8 +88,10 @@ class Loading(Graph):
         self._member(other, f"body b of force {name!r}")
         if force.on_joint and (needed := force.describe_joint_refusal(a.joint)):
             raise UserError(
-                f"force {name!r} needs {needed}; that of {a.name!r} has {a.joint.nv}"
-                + "; give the force a joint that Mechanism.joint has returned" * (getattr(a, "parent", 0) == UNPLACED)
+                f"force {name!r} needs {needed}; the joint of {a.name!r} is a {type(a.joint).__name__} with "
+                f"{format_count(a.joint.nv, 'coordinate')}"
+                + "; give the force a joint that Mechanism.joint has returned"
+                * (getattr(a, "parent", 0) == UNPLACED)
             )
         if not force.on_joint and a is other:
             raise UserError(f"force {name!r} acts between body {a.name!r} and itself; it needs two bodies")

@@ -149,6 +149,9 @@ class RollingWheel(CutJoint):
         unit_axis(self.normal, f"normal of {what}")
         unit_axis(self.axis, f"axis of {what}")
         one_of(f"grip of {what}", self.grip, tuple(GRIPS))
+        for own in ("profile_interval", "profile_width"):
+            if self.profile is None and getattr(self, own) is not None:
+                raise UserError(f"{own} of {what} is given without a profile; give a profile, or leave it out")
         if self.surface is not None:
             self._axis_across(what)
             self.surface.check(what, self.radius)
