@@ -1,4 +1,4 @@
-"""Friction of joints and wheels, with the colors of :mod:`.forces`."""
+"""Friction of joints, lines and wheels, with the colors of :mod:`.forces`."""
 
 from __future__ import annotations
 
@@ -55,6 +55,19 @@ def planar_friction() -> Sketch:
     s.slide("x", (1.2, -0.2, 0.1), 0.9)
     s.turn("z", (0.0, 0.0, 0.45), 0.4, (-120.0, 120.0))
     s.push((-0.62, -0.2, 0.04), (-1.35, -0.2, 0.04))
+    return s
+
+
+@element("LineFriction")
+def line_friction() -> Sketch:
+    """A rod in a cylinder between two points, its velocity, and the friction of the seal against it."""
+    s = Sketch(20.0, 20.0)
+    b = s.other((0.6, 0.0, 0.0))
+    s.mechanism.force("f", mbm.LineFriction(coulomb=1.0), s.a, b)
+    s.show(s.a, GRAY, disc(0.42, 1.5, (-0.6, 0.0, 0.0), axis="x"), ball(0.2, (-1.5, 0.0, 0.0)))
+    s.show(b, BLUE, disc(0.16, 1.9, (0.2, 0.0, 0.0), axis="x"), ball(0.2, (1.25, 0.0, 0.0)))
+    s.slide("x", (0.95, 0.0, 0.5), 0.9)
+    s.push((0.9, -0.3, -0.3), (0.2, -0.3, -0.3))
     return s
 
 

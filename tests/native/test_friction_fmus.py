@@ -138,3 +138,40 @@ def test_native_fmu_of_a_large_tree_with_friction(tmp_path: Path) -> None:
         for row in found[1:]:
             assert simulation.advance(row["time"]).ok
             assert [row["x"], row["energy"]] == simulation.outputs()[:2].tolist(), friction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder(mb.Model):
+    """A controlled cylinder with a seal, which moves a mass on a spring."""
+
+    friction: float = mb.parameter(3.0, unit="N", min=0.1, doc="Friction of the seal")
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism()
+        body = m.body("mass", m.ground, mb.Translational(axis="x", at=(1, 0, 0), nominal=1.0), mass=2.0)
+        target = mb.Input(name="target", unit="m", start=0.2)
+        uses = {"q": body.coordinate(), "target": target}
+        error = m.state("error", "target - q", uses=uses, unit="m.s")
+        m.force("cylinder", mb.LineForce(magnitude="150 * (1 + target - x) + 80 * z - 30 * v",
+                uses={"z": error, "target": target}), m.ground, body)  # fmt: skip
+        m.force("tilt", mb.Torque(magnitude=body.rate()), body)
+        m.force("seal", mb.LineFriction(coulomb=self.friction, deflection=1e-4), m.ground, body)
+        m.output("x", body.coordinate())
+        return m
+
+
+@needs_compiler
+@pytest.mark.campaign
+def test_native_fmus_of_a_cylinder_with_a_law_and_a_seal_move_as_the_simulation(tmp_path: Path) -> None:
+    settings = mb.Settings(solver="radau", tolerance=1e-6)
+    path = export(Cylinder(), tmp_path / "cylinder.fmu", settings, native=True)
+    found = simulate_fmu(str(path), stop_time=1.5, output_interval=0.1, fmi_type="CoSimulation")
+    simulation = mb.Simulation(Cylinder(), settings)
+    for row in found[1:]:
+        assert simulation.advance(row["time"]).ok
+        assert row["x"] == simulation.outputs()[0]
+    assert found["x"][-1] > 0.1
+    how = {"fmi_type": "ModelExchange", "relative_tolerance": 1e-6, "output_interval": 0.1}
+    exchanged = simulate_fmu(str(path), stop_time=1.5, start_values={"friction": 6.0}, **how)
+    expected = mb.simulate(Cylinder(friction=6.0), 1.5, interval=0.1, solver="radau", tolerance=1e-6)
+    assert exchanged["x"].tolist() == pytest.approx(expected["x"].tolist(), abs=1e-4)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.handles import BETWEEN_POINTS
 from mbfmu.mechanics.builder.mechanism import Mechanism
-from mbfmu.mechanics.loads import LineForce, Load, Rope, Spring
+from mbfmu.mechanics.loads import LineForce, LineFriction, Load, Rope, Spring
 from mbfmu.util.diagnostics import Diagnostic
 
 WITH_DIRECTION = (*BETWEEN_POINTS, Rope)  # loads that act along lines between points
@@ -47,7 +47,7 @@ def find_coincident(mechanism: Mechanism, bodies: NDArray[Any], length: float) -
 
 def _omitted(load: Load) -> str:
     """Return which force of a load is omitted where its ends coincide, and why; empty: it has none there."""
-    if isinstance(load, LineForce):
+    if isinstance(load, LineForce | LineFriction):
         return ": its force"
     what = "free length" if isinstance(load, Spring) else "lower limit"
     unloaded = load.free if isinstance(load, Spring) else (getattr(load, "lower", None) or 0.0)

@@ -42,7 +42,9 @@ def fill_estimates(mechanism: Mechanism, system: AnySystem, data: Data, length: 
     for acting, record in found:
         body = acting.bodies[0]
         if not acting.load.on_joint:
-            acting.load.fill_estimates(record, float(data.arrays.bodies["mass"][body.index]), length)
+            along_slip = slip_inertia(dense, acting, record, data, start_positions(mechanism))
+            mass = float(data.arrays.bodies["mass"][body.index]) if along_slip is None else along_slip
+            acting.load.fill_estimates(record, mass, length)
             continue
         k = int(data.arrays.bodies["vf"][body.index])
         along, arms = np.array(acting.load.coordinates), np.array(acting.load.arms)
@@ -76,9 +78,28 @@ def unresolved_loads(
     return found
 
 
-def coordinate_inertias(system: AnySystem, q: Array) -> Array:
-    """Return the inertia that each coordinate moves at positions q (nq,), kg m^2 or kg: 1 / (e M^-1 e) for the
-    motions that the constraints allow. Its diagonal entry of M if they do not allow any, or if M is singular.
+def slip_inertia(system: AnySystem, acting: Acting, record: Any, data: Data, q: Array) -> float | None:
+    """Return the inertia that the slip of a load moves at positions q (nq,), kg: 1 / (j M^-1 j) with its derivatives j
+    by the velocities, for the motions that the constraints allow; 0: they allow none. None: it has no single slip.
+    """
+    if acting.load.slip(record, data.state.bodies) is None:
+        return None
+    terms, v = system.allocate_terms(), np.zeros(system.n)
+    slips = np.zeros(system.n_velocities)
+    for k in range(len(slips)):
+        v[k] = 1.0
+        system.fill(0.0, q, v, terms)
+        slips[k], v[k] = acting.load.slip(record, data.state.bodies) or 0.0, 0.0
+    system.fill(0.0, q, v, terms)
+    slips -= acting.load.slip(record, data.state.bodies) or 0.0  # of drives
+    values, motions, _ = free_motions(system, q)
+    mobility = float(np.sum((motions @ (slips * system.size[: len(slips)])) ** 2 / values))
+    return 1.0 / mobility if mobility > 0.0 else 0.0
+
+
+def free_motions(system: AnySystem, q: Array) -> tuple[Array, Array, Array]:
+    """Return the masses of orthogonal motions that the constraints allow at q, those motions as rows, and the diagonal
+    of the mass matrix, all scaled by the sizes of the coordinates.
     """
     terms, moving = system.allocate_terms(), system.n_velocities
     system.fill(0.0, q, np.zeros(system.n), terms)
@@ -90,7 +111,15 @@ def coordinate_inertias(system: AnySystem, q: Array) -> Array:
         motions = motions[int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0))) :]
     values, vectors = scipy.linalg.eigh(motions @ scaled @ motions.T)
     inert = values > REDUNDANT_SINGULAR_RATIO * values.max(initial=0.0)
-    mobility = np.sum((vectors[:, inert].T @ motions) ** 2 / values[inert, np.newaxis], axis=0)
+    return values[inert], vectors[:, inert].T @ motions, found
+
+
+def coordinate_inertias(system: AnySystem, q: Array) -> Array:
+    """Return the inertia that each coordinate moves at positions q (nq,), kg m^2 or kg: 1 / (e M^-1 e) for the
+    motions that the constraints allow. Its diagonal entry of M if they do not allow any, or if M is singular.
+    """
+    values, motions, found = free_motions(system, q)
+    mobility = np.sum(motions**2 / values[:, np.newaxis], axis=0)
     allowed = mobility * found > REDUNDANT_SINGULAR_RATIO
     found[allowed] = 1.0 / mobility[allowed]
-    return np.asarray(found / size**2)
+    return np.asarray(found / system.size[: system.n_velocities] ** 2)

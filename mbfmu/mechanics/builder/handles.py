@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.couplings import Coupling
 from mbfmu.mechanics.cuts import CutJoint
-from mbfmu.mechanics.loads import Damper, DistanceStop, LineForce, Load, Rope, Spring
+from mbfmu.mechanics.loads import Damper, DistanceStop, LineForce, LineFriction, Load, Rope, Spring
 from mbfmu.mechanics.numbers import is_whole
 from mbfmu.mechanics.sensors import (
     CouplingEffort,
@@ -32,7 +32,13 @@ from mbfmu.util.errors import UserError
 from .bodies import Body, effort_unit
 from .joint_handle import JointPlace
 
-BETWEEN_POINTS = (Damper, DistanceStop, LineForce, Spring)  # forces along the line that joins their two points
+BETWEEN_POINTS = (
+    Damper,
+    DistanceStop,
+    LineForce,
+    LineFriction,
+    Spring,
+)  # forces along the line that joins their two points
 
 
 class Mesh(Protocol):
@@ -297,8 +303,8 @@ class ForceHandle:
         Raises
         ------
         UserError
-            The element is not a ``Spring``, a ``Damper``, a ``DistanceStop`` or a ``LineForce``; use
-            :meth:`.Mechanism.distance`.
+            The element is not a ``Spring``, a ``Damper``, a ``DistanceStop``, a ``LineForce`` or a ``LineFriction``;
+            use :meth:`.Mechanism.distance`.
         """
         return Distance(unit="m", bodies=(self.a, self.b), **self._ends())
 

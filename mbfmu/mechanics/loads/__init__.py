@@ -14,6 +14,7 @@ from .joint_friction import JointFriction
 from .joint_spring import JointSpring
 from .joint_stop import JointStop
 from .line_force import LineForce
+from .line_friction import LineFriction
 from .point_force import PointForce
 from .pressure import Pressure
 from .reaction import Reaction
@@ -37,6 +38,7 @@ __all__ = [
     "JointSpring",
     "JointStop",
     "LineForce",
+    "LineFriction",
     "Load",
     "PlanarFriction",
     "PointForce",

@@ -247,11 +247,18 @@ class Load(ElementType):
             Record that ``fill`` has written.
         inertia
             Inertia that the joint coordinate of the first body moves at the start, kg m^2 or kg; 0: a drive moves it.
-            Of several coordinates it is the mean. Of a load that is not ``on_joint``: mass of the first body, kg.
+            Of several coordinates it is the mean. Of a load that is not ``on_joint``: inertia that its :meth:`slip`
+            moves, or mass of the first body, kg.
         size
             Size of this coordinate, to which tolerances refer, rad or m; of several the least. Else the length of the
             mechanism, m.
         """
+
+    def slip(self, record: Any, bodies: Any) -> float | None:
+        """Return the rate of the displacement against which it acts where ``bodies`` move so, m/s, if it sticks and is
+        not ``on_joint``; None: there is no single one.
+        """
+        return None
 
     def resolved_displacement(self, record: Any) -> float:
         """Return the displacement of its joint coordinate that tolerances must resolve, rad or m; infinite: none."""

@@ -160,7 +160,7 @@ class LineForce(GivenForce):
     Notes
     -----
     The sensors ``force`` and ``moment`` contain the force of the end stops. Friction of the actuator is a
-    :class:`.Damper` between the same points, for example with the law ``"40 * tanh(v / 0.01)"``.
+    :class:`.LineFriction` between the same points.
     Points that coincide have no line of action, and the force is omitted; a message reports this if it occurs at the
     start. Outputs of distance and rate: ``ForceHandle.length`` and ``ForceHandle.length_rate``.
     """
