@@ -10,6 +10,7 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.native.exchange_states import describe_real_kernels
 from mbfmu.util.errors import UserError
 
 FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "arctan")} | {"abs": np.abs}
@@ -112,6 +113,33 @@ def test_laws_and_blocks_use_expressions(way: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("declare", "named"),
+    [
+        (lambda m, body: None, ""),
+        (
+            lambda m, body: m.force("pull", mb.JointForce("-k * q", uses={"k": 8.0}), body),
+            "force 'pull' is a function or",
+        ),
+        (lambda m, body: m.state("lag", "x - z", uses={"x": body.coordinate()}), "state 'lag' is a function or"),
+        (
+            lambda m, body: m.output("twice", m.expression("2 * x", uses={"x": body.coordinate()})),
+            "output 'twice' is a function or an expression",
+        ),
+        (
+            lambda m, body: m.force("f", mb.JointForce(m.expression("-v", uses={"v": body.rate()})), body),
+            "an expression or a user-defined sensor in a law",
+        ),
+    ],
+)
+def test_native_exports_name_what_has_no_derivatives(declare: Callable[..., Any], named: str) -> None:
+    m, body = cart()
+    declare(m, body)
+    why = describe_real_kernels(CompiledMechanism(m))
+    assert why.startswith(named)
+    assert bool(why) == bool(named)
+
+
+@pytest.mark.parametrize(
     ("declare", "message"),
     [
         (
@@ -120,6 +148,11 @@ def test_laws_and_blocks_use_expressions(way: str) -> None:
             r""""k * (target - crank_angle)", uses={'crank_angle': crank.angle(), 'k': ..., 'target': ...}""",
         ),
         (lambda m, body: mb.JointForce("gain * q"), """'gain' is not known; allowed: t, q, v, sin"""),
+        (
+            lambda m, body: mb.LineForce(magnitude="k * rope.length"),
+            """magnitude of a LineForce is 'k * rope.length', which contains 'rope.length'; names""",
+        ),
+        (lambda m, body: mb.Torque(magnitude="c * (sin(t) + drum)"), """{'c': ..., 'drum': ...}"""),
         (lambda m, body: m.expression("cart.rate()"), """"cart_rate", uses={'cart_rate': cart.rate()}"""),
         (lambda m, body: m.expression("x", uses={"x": body.rate(), "y": 1.0}), "has 'y', which the law does not"),
         (lambda m, body: m.expression("x", uses={"x": cart()[1].rate()}), "which is not a body of this mechanism"),

@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
+from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.numbering import lockable_joints, states_of
 from mbfmu.mechanics.arrays.tables import has_state
 from mbfmu.mechanics.events import SetInput
+from mbfmu.mechanics.kind import ElementType, kernel_of
 from mbfmu.mechanics.sensors import Follows
 from mbfmu.modeling.variables import VARIABLE_NAME_PATTERN
 from mbfmu.session.simulation import Simulation
@@ -79,8 +81,8 @@ def explain_missing_exchange(simulation: Simulation) -> str:
 def explain_missing_derivatives(simulation: Simulation) -> str:
     """Return why an FMU with model exchange has no directional derivatives; empty: it has."""
     compiled = simulation.compiled
-    if any(has_state(own.signature, own.words) for own in user_kernels(compiled.called())):
-        return "user-defined elements have no kernels for complex numbers"
+    if why := describe_real_kernels(compiled):
+        return why
     if lockable_joints(compiled.mechanism):
         return "events lock joints"
     if len(compiled.data.state.bearings):
@@ -90,6 +92,27 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
         if any(member.number in moving for member in load.members()):
             return f"{what} is given by an input that moves a joint, too"
     return ""
+
+
+def describe_real_kernels(compiled: CompiledMechanism) -> str:
+    """Return which elements have kernels of a model for real numbers only; empty: there are none."""
+    real = {own.function for own in user_kernels(compiled.called()) if has_state(own.signature, own.words)}
+    if not real:
+        return ""
+    m = compiled.mechanism
+    elements: list[tuple[str, ElementType]] = [
+        *((f"the joint of body {body.name!r}", body.joint) for body in m.bodies),
+        *((f"cut joint {own.name!r}", own.cut) for own in m.cuts),
+        *((f"coupling {own.name!r}", own.coupling) for own in m.couplings),
+        *((own.what, own.load) for own in m.loads()),
+        *((f"output {name!r}", sensor) for name, sensor, *_ in m.outputs),
+    ]
+    for what, element in elements:
+        if not real.isdisjoint(kernel_of(element, name) for name in element.kernels):
+            shipped = type(element).__module__.startswith("mbfmu.")
+            law = "is a function or an expression" if shipped else f"is a user-defined {type(element).__name__}"
+            return f"{what} {law}, whose kernels in native FMUs are of real numbers only"
+    return "an expression or a user-defined sensor in a law or an event has kernels of real numbers only in native FMUs"
 
 
 def list_constant_inputs(simulation: Simulation) -> list[str]:

@@ -47,7 +47,9 @@ class GivenForce(Force):
     uses: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        """Compile a magnitude that is a law, a state, a block or a sensor."""
+        """Compile a magnitude that is a law, a state, a block or a sensor, and check the names in an expression."""
+        if isinstance(self.magnitude, str) and not self.uses:
+            law.check_names(f"magnitude of a {type(self).__name__}", self.magnitude, tuple(self.law_quantities))
         if not self._is_law:
             return
         title = f"a {type(self).__name__}"
