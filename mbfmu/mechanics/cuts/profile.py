@@ -7,8 +7,8 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from mbfmu.mechanics import law
 from mbfmu.mechanics.kind import Attachment
@@ -151,7 +151,7 @@ class Profile:
         k = int(np.argmax(self.curvature(x)))
         ends = x[max(k - 1, 0)], x[min(k + 1, len(x) - 1)]
         size = ends[1] - ends[0]
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda part: -float(self.curvature(np.array([ends[0] + part * size]))[0]),
             bounds=(0.0, 1.0),
             method="bounded",
