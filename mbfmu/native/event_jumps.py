@@ -18,7 +18,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.linalg.dense import rank_at
 from solvers.outcome import OK
 from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO, evaluate_regular_acceleration
-from solvers.projection.workspace import evaluate_and_factor
+from solvers.projection.workspace import count_freedom, evaluate_and_factor
 
 from .event_actions import fill_approach_rates, fill_slopes, solve_impacts, stop_by_event
 from .event_memory import (
@@ -79,7 +79,7 @@ def respond_dense(instance: Any, impulse: Any, response: Any) -> int:
     given, pushed = 0.0, 0.0  # squares of the impulse, and of the part that the constraints let move something
     for i in range(n):
         given += (work.size[i] * impulse[i]) ** 2
-    for k in range(n - rank):
+    for k in range(count_freedom(rank, work)):
         part = 0.0
         for i in range(n):
             part += work.T[k, i] * impulse[i]

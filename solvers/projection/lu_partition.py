@@ -37,6 +37,7 @@ from .projection import (
     add_tangent_acceleration,
     violates_constraints,
 )
+from .workspace import count_freedom, count_motions
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Integers, Reals
@@ -178,9 +179,12 @@ def solve_dependent_positions(
 
 @kernel
 def fill_dependent_tangents(terms: Terms, rank: int, rows: Integers, columns: Integers, work: Workspace) -> None:
-    """Fill the rows of ``work.T`` with the motions of one independent each, from ``terms`` and the factors of J_d."""
+    """Fill the first rows of ``work.T`` with the motions of one independent each, from ``terms`` and J_d's factors.
+
+    No pivot is in the column of a first-order state: these are the last of the independents, and have no row.
+    """
     n = work.T.shape[1]
-    for k in range(n - rank):
+    for k in range(count_freedom(rank, work)):
         for i in range(rank):
             work.b[i] = -terms.J[rows[i], columns[rank + k]]
         solve_dependent(rank, rows, columns, work)
@@ -204,7 +208,7 @@ def evaluate_dependent_acceleration(
     solve_dependent(rank, rows, columns, work)
     for j in range(rank):
         a[columns[j]] = work.x[j]
-    if not add_tangent_acceleration(terms, n - rank, work, a):
+    if not add_tangent_acceleration(terms, rank, work, a):
         return NO_MASS
     for i in range(n):
         if not np.isfinite(a[i]):
@@ -216,7 +220,7 @@ def evaluate_dependent_acceleration(
 def have_tangents_turned(rank: int, before: Reals, work: Workspace) -> bool:
     """Whether a motion of one independent has changed by more than half of what it was ``before``."""
     n = work.T.shape[1]
-    for k in range(n - rank):
+    for k in range(count_freedom(rank, work)):
         change, size = 0.0, 0.0
         for i in range(n):
             change += ((work.T[k, i] - before[k, i]) / work.size[i]) ** 2
@@ -243,7 +247,7 @@ def evaluate_dependent_multipliers(
     for j in range(rank):
         k = columns[j]
         work.b[j] = -terms.h[k]
-        for i in range(a.shape[0]):
+        for i in range(count_motions(work)):
             work.b[j] -= terms.M[k, i] * a[i]
         work.b[j] *= work.size[k]
     solve_lu_transposed(work.D, rank, work.order, work.b, work.x)

@@ -10,6 +10,9 @@ first ``rank`` columns of Q span the constraint normals and the others the motio
     v' = J^+ gamma + P (P^T M P)^-1 P^T (-h - M J^+ gamma)       (projection, paper eq. 9-13)
     q <- q (+) -J^+ Phi,   v <- v - J^+ (J v - nu)               (Gauss-Newton, velocity correction)
 
+First-order states follow the velocities in v. Their part of M is the unit matrix and no constraint contains them, so
+that their rates are -h: P^T M P is formed and factored of the velocities alone.
+
 M itself is never factored, so bodies without mass are fine while P^T M P is positive definite. ``rank`` is the *normal
 rank*, the rank in generic positions; rows that are redundant everywhere are beyond it, and
 are identified at every position.
@@ -54,7 +57,15 @@ from solvers.outcome import NO_MASS, NOT_CLOSED, NOT_FINITE, OK, UNDECIDABLE
 
 from .critical import is_rheonomic
 from .singular import BIFURCATION, SINGULAR_PIVOT_RATIO, classify_singularity
-from .workspace import distance, evaluate_and_factor, factor, factor_transposed, loop_speed
+from .workspace import (
+    count_freedom,
+    count_motions,
+    distance,
+    evaluate_and_factor,
+    factor,
+    factor_transposed,
+    loop_speed,
+)
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -223,9 +234,9 @@ def project_with_frozen_jacobian(
 
 @kernel
 def fill_tangent_basis(rank: int, work: Workspace) -> None:
-    """Fill the rows of ``work.T`` with a basis of the motions the factored constraints allow: the columns of P."""
+    """Fill the first rows of ``work.T`` with a basis of the motions that the factored constraints allow: P."""
     n = work.T.shape[1]
-    for k in range(n - rank):
+    for k in range(count_freedom(rank, work)):
         tangent = work.T[k]
         for i in range(n):
             tangent[i] = 1.0 if i == rank + k else 0.0
@@ -235,9 +246,11 @@ def fill_tangent_basis(rank: int, work: Workspace) -> None:
 
 
 @kernel
-def add_tangent_acceleration(terms: Terms, freedom: int, work: Workspace, a: Reals) -> bool:
-    """a <- a + P z, where P^T (M a + h) = 0 and the columns of P are the first ``freedom`` rows of ``work.T``."""
-    n = a.shape[0]
+def add_tangent_acceleration(terms: Terms, rank: int, work: Workspace, a: Reals) -> bool:
+    """a <- a + P z, where P^T (M a + h) = 0 and the columns of P are the first rows of ``work.T``; -h of states."""
+    n, freedom = count_motions(work), count_freedom(rank, work)
+    for i in range(n, a.shape[0]):
+        a[i] = -terms.h[i]
     for i in range(n):
         work.f[i] = -terms.h[i]
         for j in range(n):
@@ -268,7 +281,7 @@ def evaluate_regular_acceleration(terms: Terms, rank: int, work: Workspace, a: R
     for i in range(n):
         a[i] *= work.size[i]
     fill_tangent_basis(rank, work)
-    if not add_tangent_acceleration(terms, n - rank, work, a):
+    if not add_tangent_acceleration(terms, rank, work, a):
         return NO_MASS
     for i in range(n):
         if not np.isfinite(a[i]):
@@ -393,12 +406,14 @@ def evaluate_multipliers(terms: Terms, rank: int, work: Workspace, a: Reals, lam
     a drive is their product with a lever arm that goes to zero.
     """
     m, n = terms.J.shape
-    rank = rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO)
-    for i in range(n):
+    rank, moving = rank_at(work.pivot, rank, UNRESOLVED_PIVOT_RATIO), count_motions(work)
+    for i in range(moving):
         work.f[i] = -terms.h[i]
-        for j in range(n):
+        for j in range(moving):
             work.f[i] -= terms.M[i, j] * a[j]
         work.f[i] *= work.size[i]
+    for i in range(moving, n):
+        work.f[i] = 0.0
     if rank == m:
         solve_transposed_basic(work.f, m, n, rank, work.A, work.tau, work.pivots, lam)
     else:

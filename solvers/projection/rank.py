@@ -16,7 +16,7 @@ from .projection import (
     correct_position,
     fill_tangent_basis,
 )
-from .workspace import factor, scaled_norm
+from .workspace import count_freedom, factor, scaled_norm
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Reals
@@ -43,12 +43,13 @@ def find_normal_rank(eqs: Equations, t: float, q: Reals, v: Reals, work: Workspa
     here = rank_at(work.pivot, min(m, n), REDUNDANT_PIVOT_RATIO)
     best = here
     fill_tangent_basis(here, work)
-    for k in range(n - here):
+    freedom = count_freedom(here, work)
+    for k in range(freedom):
         for i in range(n):
             work.directions[k, i] = work.T[k, i]
-    for k in range(n - here + 1):
+    for k in range(freedom + 1):
         for i in range(n):
-            work.v_near[i] = work.directions[k, i] if k < n - here else v[i]
+            work.v_near[i] = work.directions[k, i] if k < freedom else v[i]
         best = max(best, rank_at_neighbor(eqs, t, q, work.v_near, work))
     return best
 

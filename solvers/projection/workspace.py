@@ -143,10 +143,22 @@ class Workspace(NamedTuple):
         return [*known, *point, self.branch_history, *frame, self.q_last, self.nu_last, self.inertia]
 
 
+@inlined
+def count_motions(work: Workspace) -> int:
+    """Number of velocities that are not first-order states: the first ones."""
+    return work.size.shape[0] - work.states.shape[0]
+
+
+@inlined
+def count_freedom(rank: int, work: Workspace) -> int:
+    """Number of degrees of freedom with this rank of the constraints: first-order states are none."""
+    return count_motions(work) - rank
+
+
 @kernel
 def factor(terms: Terms, work: Workspace) -> None:
     """Factor the Jacobian held by ``terms``, in units of rows and coordinates."""
-    m, n = terms.J.shape
+    m, n = terms.J.shape[0], count_motions(work)  # no constraint contains a first-order state: zero in J and A
     for i in range(m):
         for j in range(n):
             work.A[i, j] = terms.J[i, j] * (work.size[j] / work.row[i])
@@ -169,18 +181,6 @@ def evaluate_and_factor(eqs: Equations, t: float, q: Reals, v: Reals, work: Work
     """Fill ``terms`` at (t, q, v) and factor their J."""
     eqs.dynamics(t, q, v, eqs.data, eqs.terms)
     factor(eqs.terms, work)
-
-
-@inlined
-def count_motions(work: Workspace) -> int:
-    """Number of velocities that are not first-order states: the first ones."""
-    return work.size.shape[0] - work.states.shape[0]
-
-
-@inlined
-def count_freedom(rank: int, work: Workspace) -> int:
-    """Number of degrees of freedom with this rank of the constraints: first-order states are none."""
-    return count_motions(work) - rank
 
 
 @inlined

@@ -26,7 +26,7 @@ from solvers.projection.singular import (
     record_accepted,
     store_reference_frame,
 )
-from solvers.projection.workspace import count_motions, factor
+from solvers.projection.workspace import count_freedom, count_motions, factor
 
 from .formulas import unpack_state
 
@@ -57,7 +57,7 @@ def record_orientation(terms: Terms, control: Any, history: Any, work: Workspace
     """Note orientation and tangents of the dependents, whose J_d is factored and whose tangents are at hand."""
     control.is_det_positive = 1 if is_determinant_positive(work.D, control.rank, work.order) else 0
     n = work.T.shape[1]
-    for k in range(n - control.rank):
+    for k in range(count_freedom(control.rank, work)):
         for i in range(n):
             history.tangents[k, i] = work.T[k, i]
 
