@@ -115,7 +115,7 @@ def test_a_large_model_all_of_whose_loops_are_locked(solver: str) -> None:
     compiled = as_model(m).compile()
     q, v = compiled.assemble(0.0)
     held = {rod.index: float(q[compiled.data.arrays.bodies["qf"][rod.index]]) for rod in rods}
-    system = compiled.locks.lock(held, 0.0, q)
+    system = compiled.locks.lock(held, (), 0.0, q)
     assert (system.n, system.m) == (mass.joint.nv, 0)
     run = stepper(solver, system, 0.0, *compiled.locks.free_coordinates(q, 0.0 * v), Options(rtol=1e-6, duration=0.4))
     run.advance(0.4)
