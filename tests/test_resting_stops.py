@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import mbfmu as mb
 from mbfmu.modeling.settings import Settings
+from mbfmu.session.resting_stops import lowest_time
 from mbfmu.session.result import Result
 from mbfmu.session.simulation import Simulation
 
@@ -515,3 +516,37 @@ def test_stops_that_cannot_hold_end_the_run() -> None:
     large.event("floor", body.position("y"), direction="down", then=mb.Bounce(0.2))
     result = mb.simulate(large, 5.0, interval=1.0, solver="adams", tolerance=1e-7)
     assert "[resting-bounce]" in result.failure
+
+
+def test_a_sampled_force_lifts_a_ball_at_its_sample() -> None:
+    """Closed form: the force is constant between samples, and first exceeds the weight at a sample."""
+    m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+    body = m.body("ball", m.ground, mb.Translational(axis="y"), mass=2.0)
+    force = m.sample_hold("force", mb.Harmonic(amplitude=30.0, frequency=1.1), period=0.1)
+    m.force("lift", mb.JointForce("u", uses={"u": force}), body)
+    m.event("floor", body.coordinate(), direction="down", then=mb.Bounce(0.0))
+    m.output("height", body.coordinate())
+    result = mb.simulate(m, 1.5, interval=0.05, solver="ida", tolerance=1e-6)
+    found = [30.0 * np.sin(2.0 * np.pi * 1.1 * 0.1 * k) / 2.0 - G for k in range(16)]
+    first = next(k for k, a in enumerate(found) if a > 0.0)
+    assert lifts(result, "floor")[0] == pytest.approx(0.1 * first, abs=1e-12)
+    assert result["height"][2 * first + 2] == pytest.approx(found[first] * 0.1**2 / 2.0, abs=1e-8)
+    assert not result.failed
+
+
+def test_no_lowest_point_without_three_times() -> None:
+    """The parabola through three points of different times has one; steps as long as the spacing of times have not."""
+    assert lowest_time([(0.0, 1.0), (1.0, 0.0), (2.0, 1.5)]) == pytest.approx(0.9)
+    assert lowest_time([(0.0, 1.0), (0.0, 1.0), (1.0, 2.0)]) is None
+    assert lowest_time([(0.0, 1.0), (1.0, 0.0), (1.0, 0.0)]) is None
+
+
+@pytest.mark.parametrize("solver", ["adams", "ida"])
+@pytest.mark.parametrize("impulse", [1e155, 1e200, 1e307])
+def test_an_impulse_whose_energy_overflows_ends_the_run(solver: str, impulse: float) -> None:
+    """Its square is no number; the impulse is not ignored."""
+    m = mb.Mechanism()
+    body = m.body("ball", m.ground, mb.Translational(axis="y"), mass=1.0)
+    m.event("kick", at=0.5, then=mb.Impulse(body, impulse))
+    m.output("height", body.coordinate())
+    assert mb.simulate(m, 1.0, interval=0.1, solver=solver).failed

@@ -10,7 +10,7 @@ from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.session.events import MIN_EVENTS_TIME_RATIO
 from mbfmu.session.impulses import CONTRADICTION
 from mbfmu.session.kernels.event_durations import end_duration, next_duration_time
-from mbfmu.session.kernels.event_points import BEGIN, VALUES, EventSearch
+from mbfmu.session.kernels.event_points import BEGIN, HERE, VALUES, EventSearch
 from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
 from solvers.compiled.kernel import kernel
 
@@ -47,6 +47,7 @@ def begin_events(events: EventMemory, t: float) -> None:
     for k in range(events.recent.shape[0]):
         events.recent[k] = -np.inf
     for k in range(events.bounces.shape[0]):
+        events.beyond[k] = 0
         for i in range(events.bounces.shape[1]):
             events.bounces[k, i] = -np.inf
 
@@ -121,6 +122,31 @@ def record_events(events: EventMemory, search: EventSearch, t: float, duration: 
             if events.due[event] == 1:
                 control.within = t - events.recent[0]
                 stop_by_event(events, event, TOO_MANY)
+
+
+@kernel
+def note_free_sensors(events: EventMemory, search: EventSearch) -> None:
+    """Note which sensors are before their stops at HERE."""
+    for k in range(events.beyond.shape[0]):
+        if search.directions[k] * search.points[HERE, VALUES + k] < 0.0:
+            events.beyond[k] = 0
+
+
+@kernel
+def record_bounces_beyond(events: EventMemory) -> None:
+    """Stop the run if a sensor bounces repeatedly without being before its stop in between: it would sink into it.
+
+    In model exchange the importing tool chooses the steps, which can be much longer than the last bounces.
+    """
+    for row in range(events.actions.shape[0]):
+        action = events.actions[row]
+        if events.due[action.event] == 0 or action.kind != BOUNCE:
+            continue
+        events.beyond[action.place] += 1
+        if events.beyond[action.place] > RESTING_BOUNCES:
+            times = events.bounces[action.place]
+            events.control[0].within = times[RESTING_BOUNCES] - times[0]
+            stop_by_event(events, action.event, RESTING)
 
 
 @kernel

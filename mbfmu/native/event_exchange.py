@@ -32,6 +32,8 @@ from .event_actions import (
     collect_due,
     end_if_requested,
     next_event_time,
+    note_free_sensors,
+    record_bounces_beyond,
     record_events,
     release_sides,
     stop_by_event,
@@ -183,6 +185,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         if code == OK:
             end_if_requested(events)
             record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+            record_bounces_beyond(events)
         return code
 
     def events_exchange_start(instance: Any, t: float) -> int:
@@ -208,6 +211,8 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     def events_exchange_accept(instance: Any, t: float) -> int:
         """EVENT_REQUESTED_CODE if an event is at the end of a completed step, else note on which sides sensors are."""
         code: int = evaluate(instance, t)
+        if code == OK:
+            note_free_sensors(instance.events, instance.search)
         if code == OK and mark_crossings(instance.search):
             return EVENT_REQUESTED_CODE
         if code == OK:
@@ -225,6 +230,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             return code
         is_event = control.row != NO_ROW
         if not is_event:
+            note_free_sensors(events, search)
             mark_crossings(search)
             note_sides_of_durations(instance, t)
             is_event = collect_due(events, search, t, SAME_TIME_RATIO * max(1.0, abs(t)))

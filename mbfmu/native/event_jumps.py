@@ -76,16 +76,16 @@ def respond_dense(instance: Any, impulse: Any, response: Any) -> int:
         eqs.terms.gamma[i] = 0.0
     if evaluate_regular_acceleration(eqs.terms, rank, work, response) != OK:
         return MASSLESS
-    given, pushed = 0.0, 0.0  # squares of the impulse, and of the part that the constraints let move something
+    given, pushed = 0.0, 0.0  # largest part of the impulse, and of what the constraints let move something
     for i in range(n):
-        given += (work.size[i] * impulse[i]) ** 2
+        given = max(given, abs(work.size[i] * impulse[i]))
     for k in range(count_freedom(rank, work)):
         part = 0.0
         for i in range(n):
             part += work.T[k, i] * impulse[i]
-        pushed += part * part
+        pushed = max(pushed, abs(part))
     for i in range(n):
-        response[i] *= 1.0 if pushed > DEPENDENT_ROW_RATIO**2 * given else 0.0
+        response[i] *= 1.0 if pushed > DEPENDENT_ROW_RATIO * given else 0.0
     return NO_FAILURE
 
 

@@ -118,6 +118,7 @@ class EventMemory(NamedTuple):
     parameters: Array  # values of the parameters that events set; nan: no event has set it since it was given
     recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
     bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
+    beyond: NDArray[np.int64]  # (k,) number of bounces of each sensor since it was last before its stop
     # scratch of impacts: of k sensors, n velocities, nq positions
     hit: NDArray[np.int64]
     slopes: Array  # (k, n)
@@ -148,7 +149,7 @@ class EventMemory(NamedTuple):
         parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m : len(numbers) - k], numbers[len(numbers) - k :]
         which = actions, locks, nominals, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
         lasting = np.array(ways, i), np.full(k, np.nan)
-        history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1))
+        history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1)), z(k, i)
         scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n), z(nq)
         control = EventControlRecord.zeros(1)
         control["row"] = NO_ROW
@@ -156,8 +157,8 @@ class EventMemory(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        own = self.control, self.numbers, self.locks, self.done, self.since, self.parameters, self.recent, self.bounces
-        return [*own]
+        histories = self.since, self.parameters, self.recent, self.bounces, self.beyond
+        return [self.control, self.numbers, self.locks, self.done, *histories]
 
 
 class StepBegin(NamedTuple):

@@ -215,7 +215,7 @@ TEXTS: dict[str, Diagnostic | str] = {  # of diagnostics, with fields that C fil
     "NOT_LOCKED_TEXT": run_messages.NOT_LOCKED,
     "PRESCRIBED_BOUNCE_TEXT": run_messages.PRESCRIBED_BOUNCE,
     "PRESCRIBED_LOCK_TEXT": run_messages.PRESCRIBED_LOCK,
-    "RESTING_BOUNCE_TEXT": run_messages.RESTING_BOUNCE,
+    "RESTING_BOUNCE_TEXT": run_messages.NATIVE_RESTING_BOUNCE,
     "RUN_ENDED_TEXT": run_messages.RUN_ENDED,
     "SINGULAR_EVENT_TEXT": run_messages.SINGULAR_EVENT,
     "START_BEYOND_STOP_TEXT": run_messages.START_BEYOND_STOP,

@@ -196,6 +196,8 @@ class RunEvents:
             self._restarts_next = self._restarts_next or any(event.restarts for event in found)
             self._restart(end)
             sampled = self._sample() if not self.ended else False
+            if sampled:
+                self._note_released(self._resting.release_pulled())
             if run.stepper.t >= end and not found and not sampled:
                 break
             if changed:

@@ -234,7 +234,8 @@ def respond(motions: Motions, rank: int, given: Array) -> Array:
     if len(values) and values[0] <= len(values) * np.finfo(float).eps:
         raise UndeterminedJumpError(MASSLESS_EVENT)
     pushed = given @ free
-    acting = np.linalg.norm(pushed, axis=-1) > DEPENDENT_ROW_RATIO * np.linalg.norm(given, axis=-1)
+    largest = [np.max(np.abs(part), axis=-1, initial=0.0) for part in (pushed, given)]  # no squares, which overflow
+    acting = largest[0] > DEPENDENT_ROW_RATIO * largest[1]
     moved = (pushed / unit @ vectors / values) @ vectors.T * acting[..., None]
     found: Array = (moved / unit) @ free.T
     return found

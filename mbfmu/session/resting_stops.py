@@ -290,6 +290,8 @@ class RestingStops:
 
         Illinois variant of the rule of false position (Dowell and Jarratt, *BIT* 11, 1971, 168-174).
         """
+        if f0 < 0.0:  # it pulls from the begin of the step on
+            return t0
         width, kept = max(4.0 * spacing(t1), TIME_ACCURACY_RATIO * self._run.stepper.options.rtol * duration), 0
         for _ in range(MAX_ROOT_ITERATIONS):
             if t1 - t0 <= width:
@@ -308,10 +310,10 @@ class RestingStops:
 
 def lowest_time(points: list[tuple[float, float]]) -> float | None:
     """Return the time of the lowest point of the parabola through three points (time, value); None: it is positive
-    there, or not between them.
+    there, not between them, or the times are not different.
     """
     (t0, f0), (t1, f1), (t2, f2) = points
-    if not min(f0, f1, f2) >= 0.0:
+    if not (min(f0, f1, f2) >= 0.0 and t0 < t1 < t2):
         return None
     left, right = (f1 - f0) / (t1 - t0), (f2 - f1) / (t2 - t1)
     bend = (right - left) / (t2 - t0)

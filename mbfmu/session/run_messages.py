@@ -106,6 +106,12 @@ RESTING_BOUNCE = Diagnostic.error(
     "models a position or a distance, in Python and in FMUs that call Python. Use such a sensor, an elastic stop, such "
     "as JointStop or DistanceStop, or a shorter stop time",
 )
+NATIVE_RESTING_BOUNCE = replace(
+    RESTING_BOUNCE,
+    remedy="Stops of native FMUs do not hold what rests on them. Export the model with --python: there a Bounce holds "
+    "if its sensor is the coordinate of a joint with one coordinate, or in small models a position or a distance. Or "
+    "use an elastic stop, such as JointStop or DistanceStop, or a shorter stop time",
+)
 MASSLESS_EVENT = Diagnostic.error(
     "no-inertia",
     "event {name!r} moves a coordinate without mass by an impulse at t = {t:.9g} s",

@@ -210,9 +210,62 @@ def test_a_ball_that_rests_stops_a_native_fmu(path: Path) -> None:
         with pytest.raises(UserError, match="resting-bounce"):
             fmu.step(0.1)
         assert "event 'floor' comes to rest at its stop" in fmu.message()
-        assert "in FMUs that call Python" in fmu.message()
+        assert "Export the model with --python" in fmu.message()
         assert fmu.reals().tolist() == before
         assert not fmu.slave.getBooleanStatus(fmi2Terminated) or fmu.slave.getRealStatus(fmi2LastSuccessfulTime) == 0.5
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3])
+@pytest.mark.parametrize("interval", [0.05, 0.5])
+def test_a_ball_that_rests_stops_model_exchange(path: Path, restitution: float, interval: float) -> None:
+    """The steps of the importing tool are longer than the last bounces: without an error the ball would sink."""
+    logged: list[str] = []
+    with pytest.raises(FMICallException):
+        simulate_fmu(
+            str(path), stop_time=1.4, output_interval=interval, output=NAMES, start_values={"restitution": restitution},
+            fmi_type="ModelExchange", relative_tolerance=1e-6, debug_logging=True,
+            logger=lambda *call: logged.append(str(call[-1])),
+        )  # fmt: skip
+    assert any("event 'floor' comes to rest at its stop" in text for text in logged)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.8])
+def test_an_importing_tool_with_fixed_steps_passes_the_stop_before_each_bounce(path: Path, restitution: float) -> None:
+    """Semi-implicit steps of 1 ms, with event mode at completed steps beyond the floor only; bounces are no rest."""
+    description = read_model_description(str(path))
+    fmu = FMU2Model(
+        guid=description.guid,
+        unzipDirectory=extract(str(path)),
+        modelIdentifier=description.modelExchange.modelIdentifier,
+        instanceName="fixed",
+    )
+    fmu.instantiate()
+    fmu.setReal([next(v.valueReference for v in description.modelVariables if v.name == "restitution")], [restitution])
+    fmu.setupExperiment(startTime=0.0, stopTime=1.0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    fmu.newDiscreteStates()
+    fmu.enterContinuousTimeMode()
+    count = int(description.numberOfContinuousStates)
+    x, slopes, step, bounces = np.zeros(count), np.zeros(count), 1e-3, 0
+    state, slope = (array.ctypes.data_as(POINTER(c_double)) for array in (x, slopes))
+    fmu.getContinuousStates(state, count)
+    half = count // 2
+    for k in range(1, 911):
+        fmu.getDerivatives(slope, count)
+        x[half:] += step * slopes[half:]
+        x[:half] += step * x[half:]
+        fmu.setTime(k * step)
+        fmu.setContinuousStates(state, count)
+        if fmu.completedIntegratorStep()[0]:
+            bounces += x[half] < 0.0
+            fmu.enterEventMode()
+            fmu.newDiscreteStates()
+            fmu.enterContinuousTimeMode()
+            fmu.getContinuousStates(state, count)
+    assert bounces == (2 if restitution == 0.5 else 1)  # closed form: at 0.4515 s, and 0.9030 s or 1.1739 s
+    assert x[0] == pytest.approx(ball(0.91, restitution)[0], abs=0.02)
+    fmu.freeInstance()
 
 
 def test_an_event_ends_runs_of_many_without_a_failure() -> None:
