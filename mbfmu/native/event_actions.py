@@ -125,16 +125,21 @@ def record_events(events: EventMemory, search: EventSearch, t: float, duration: 
 
 
 @kernel
-def note_free_sensors(events: EventMemory, search: EventSearch) -> None:
-    """Note which sensors are before their stops at HERE."""
+def note_free_sensors(events: EventMemory, search: EventSearch, rtol: float) -> None:
+    """Note which sensors are before their stops at HERE. Stop the run if one has bounced, has not been before its stop
+    since, and is deeper beyond it now: the importing tool has stepped over its last bounces, and it would sink.
+    """
     for k in range(events.beyond.shape[0]):
-        if search.directions[k] * search.points[HERE, VALUES + k] < 0.0:
+        depth = search.directions[k] * search.points[HERE, VALUES + k]
+        if depth < 0.0:
             events.beyond[k] = 0
+        elif events.beyond[k] > 0 and depth > events.depths[k] + rtol * events.nominals[k]:
+            stop_at_rest(events, k, events.sensed[k])
 
 
 @kernel
-def record_bounces_beyond(events: EventMemory) -> None:
-    """Stop the run if a sensor bounces repeatedly without being before its stop in between: it would sink into it.
+def record_bounces_beyond(events: EventMemory, search: EventSearch) -> None:
+    """Stop the run if a sensor bounces repeatedly without being before its stop in between.
 
     In model exchange the importing tool chooses the steps, which can be much longer than the last bounces.
     """
@@ -142,11 +147,18 @@ def record_bounces_beyond(events: EventMemory) -> None:
         action = events.actions[row]
         if events.due[action.event] == 0 or action.kind != BOUNCE:
             continue
-        events.beyond[action.place] += 1
-        if events.beyond[action.place] > RESTING_BOUNCES:
-            times = events.bounces[action.place]
-            events.control[0].within = times[RESTING_BOUNCES] - times[0]
-            stop_by_event(events, action.event, RESTING)
+        k = action.place
+        events.beyond[k] += 1
+        events.depths[k] = max(0.0, search.directions[k] * search.points[HERE, VALUES + k])
+        if events.beyond[k] > RESTING_BOUNCES:
+            stop_at_rest(events, k, action.event)
+
+
+@kernel
+def stop_at_rest(events: EventMemory, k: int, event: int) -> None:
+    """Stop the run by the event of a sensor that comes to rest at its stop."""
+    events.control[0].within = events.bounces[k, RESTING_BOUNCES] - events.bounces[k, 0]
+    stop_by_event(events, event, RESTING)
 
 
 @kernel

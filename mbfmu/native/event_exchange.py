@@ -185,7 +185,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         if code == OK:
             end_if_requested(events)
             record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
-            record_bounces_beyond(events)
+            record_bounces_beyond(events, instance.search)
         return code
 
     def events_exchange_start(instance: Any, t: float) -> int:
@@ -212,7 +212,9 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         """EVENT_REQUESTED_CODE if an event is at the end of a completed step, else note on which sides sensors are."""
         code: int = evaluate(instance, t)
         if code == OK:
-            note_free_sensors(instance.events, instance.search)
+            note_free_sensors(instance.events, instance.search, instance.options[0].rtol)
+            if instance.events.control[0].failure != NO_FAILURE:
+                return EVENT_REQUESTED_CODE  # in which the failure is reported
         if code == OK and mark_crossings(instance.search):
             return EVENT_REQUESTED_CODE
         if code == OK:
@@ -230,7 +232,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             return code
         is_event = control.row != NO_ROW
         if not is_event:
-            note_free_sensors(events, search)
+            note_free_sensors(events, search, instance.options[0].rtol)
             mark_crossings(search)
             note_sides_of_durations(instance, t)
             is_event = collect_due(events, search, t, SAME_TIME_RATIO * max(1.0, abs(t)))

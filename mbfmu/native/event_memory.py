@@ -119,6 +119,7 @@ class EventMemory(NamedTuple):
     recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
     bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
     beyond: NDArray[np.int64]  # (k,) number of bounces of each sensor since it was last before its stop
+    depths: Array  # (k,) how far each was beyond its stop at the last of these
     # scratch of impacts: of k sensors, n velocities, nq positions
     hit: NDArray[np.int64]
     slopes: Array  # (k, n)
@@ -149,7 +150,7 @@ class EventMemory(NamedTuple):
         parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m : len(numbers) - k], numbers[len(numbers) - k :]
         which = actions, locks, nominals, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
         lasting = np.array(ways, i), np.full(k, np.nan)
-        history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1)), z(k, i)
+        history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1)), z(k, i), z(k)
         scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n), z(nq)
         control = EventControlRecord.zeros(1)
         control["row"] = NO_ROW
@@ -157,7 +158,7 @@ class EventMemory(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        histories = self.since, self.parameters, self.recent, self.bounces, self.beyond
+        histories = self.since, self.parameters, self.recent, self.bounces, self.beyond, self.depths
         return [self.control, self.numbers, self.locks, self.done, *histories]
 
 
