@@ -63,7 +63,7 @@ class Parabola(Joint):
 
 
 @kernel
-def level(cut, A, B, row, state):
+def level(cut, A, B, row, arrays, state):
     out = state.rows[row]
     ax, ay, az = arm(A, cut.Pa)
     bx, by, bz = arm(B, cut.Pb)
