@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -81,23 +82,8 @@ class CompiledElements:
         self.sensors: list[Sensor] = [*(output[1] for output in mechanism.outputs), Energy(), KineticEnergy()]
         loads = list(mechanism.loads())
         rigid = [body for body in mechanism.bodies if not isinstance(body.joint, Section)]
-        self.magnitudes = known = Magnitudes()
-        sites: list[tuple[ElementType, CompiledAttachment]] = [
-            *((body.joint, CompiledAttachment(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
-            *((c.cut, CompiledAttachment(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
-            *(
-                (c.coupling, CompiledAttachment(f"coupling {c.name!r}", (c.a, c.b), numbering, known))
-                for c in mechanism.couplings
-            ),
-            *(
-                (a.load, CompiledAttachment(a.what, a.bodies, numbering, known, first))
-                for a, first in zip(loads, numbering.first_states, strict=True)
-            ),
-            *(
-                (sensor, CompiledAttachment("a sensor", observed_sensors(sensor), numbering, known))
-                for sensor in self.sensors
-            ),
-        ]
+        self.magnitudes = Magnitudes()
+        sites = self._sites_in_order(mechanism, rigid, loads)
         counts = (len(rigid), len(mechanism.cuts), len(mechanism.couplings), len(loads), len(self.sensors))
         self.ends = np.cumsum(counts)
         filled = [filled_record(item, place) for item, place in sites]
@@ -130,9 +116,56 @@ class CompiledElements:
         )
         self.parts = list(numbering.parts)
         self._tables = tables = Tables([item for item, _ in sites], filled, numbering.parts)
-        joints, cuts, couplings, acting, sensors, signals, parts, self.holding = np.split(
-            np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places)), self.ends
+        places = np.column_stack((MAX_KERNELS * np.array(tables.kinds), tables.places))
+        *items, self.holding = np.split(places, self.ends)
+        arrays = self._arrays(mechanism, loads, *items)
+        widest = max((body.joint.nv for body in mechanism.bodies), default=0)
+        sizes = (numbering.nq_full, numbering.nv_full, widest, numbering.subspaces, numbering.scratch_size)
+        n_rows = len(arrays.kept) - len(mechanism.couplings)
+        self.data = Data(
+            arrays,
+            allocate_state(
+                len(mechanism.bodies), n_rows, len(mechanism.couplings), len(loads), *sizes, numbering.bearings
+            ),
         )
+        self.signals = self.signals_in(self.data)
+
+    def _sites_in_order(
+        self, mechanism: Mechanism, rigid: Sequence[Body], loads: Sequence[Acting]
+    ) -> list[tuple[ElementType, CompiledAttachment]]:
+        """Return joints, cut joints, couplings, loads and sensors with where each is attached."""
+        numbering, known = self._numbering, self.magnitudes
+        return [
+            *((body.joint, CompiledAttachment(f"body {body.name!r}", (body,), numbering, known)) for body in rigid),
+            *((c.cut, CompiledAttachment(f"cut {c.name!r}", (c.a, c.b), numbering, known)) for c in mechanism.cuts),
+            *(
+                (c.coupling, CompiledAttachment(f"coupling {c.name!r}", (c.a, c.b), numbering, known))
+                for c in mechanism.couplings
+            ),
+            *(
+                (a.load, CompiledAttachment(a.what, a.bodies, numbering, known, first))
+                for a, first in zip(loads, numbering.first_states, strict=True)
+            ),
+            *(
+                (sensor, CompiledAttachment("a sensor", observed_sensors(sensor), numbering, known))
+                for sensor in self.sensors
+            ),
+        ]
+
+    def _arrays(
+        self,
+        mechanism: Mechanism,
+        loads: list[Acting],
+        joints: NDArray[np.int64],
+        cuts: NDArray[np.int64],
+        couplings: NDArray[np.int64],
+        acting: NDArray[np.int64],
+        sensors: NDArray[np.int64],
+        signals: NDArray[np.int64],
+        parts: NDArray[np.int64],
+    ) -> Arrays:
+        """Return the records; of every kind of item, its kernels and places (k, 2)."""
+        numbering, tables = self._numbering, self._tables
         world = WorldRecord.zeros(1)
         world["gravity"], world["states"] = mechanism.gravity, len(numbering.states)
         bodies, (closing, rows) = body_records(mechanism, numbering, joints), cut_records(mechanism, cuts)
@@ -146,7 +179,7 @@ class CompiledElements:
         set_levers(loads, world, bodies)
         observing = item_records(sensors, SensorRecord)
         observing["energy"] = [sensor.reads_energy for sensor in self.sensors]
-        arrays = Arrays(
+        return Arrays(
             world=world,
             bodies=bodies,
             cuts=closing,
@@ -163,12 +196,6 @@ class CompiledElements:
             memory=tables.memory,
             numbers=np.array(numbering.numbers, float),
         )
-        widest = max((body.joint.nv for body in mechanism.bodies), default=0)
-        sizes = (numbering.nq_full, numbering.nv_full, widest, numbering.subspaces, numbering.scratch_size)
-        self.data = Data(
-            arrays, allocate_state(len(mechanism.bodies), rows, len(couplings), len(loads), *sizes, numbering.bearings)
-        )
-        self.signals = self.signals_in(self.data)
 
     def complex_step_data(self) -> Data:
         """Return the same arrays with a complex state, for derivatives by complex steps."""

@@ -50,79 +50,47 @@ class Layout(NamedTuple):
     columns: NDArray[np.int64]  # (nb,) how many: its coordinate alone where its parent rests, else its six motions
 
 
+class GroupRows(NamedTuple):
+    """Rows of the bodies of every group, as in :class:`Layout`, and what stays unknown of them."""
+
+    slot: NDArray[np.int64]  # (nb,)
+    place: NDArray[np.int64]  # (nb,) first of a body's rows among those of its group that stay after condensation
+    lock: NDArray[np.int64]  # (nb,)
+    kept: list[NDArray[np.int64]]  # for every group, the rows that stay
+    sizes: list[int]  # of every group, with multipliers
+
+
 def lay_out(
     arrays: Arrays, found: Groups, acting: Sequence[Acting]
 ) -> tuple[Layout, list[NDArray[np.int64]], list[int]]:
     """Return where everything goes, and for every group the rows that stay unknown after condensation, and its size."""
-    nb, groups, inward = len(arrays.bodies), found.of, found.inward
-    role, slot, place, lock = (np.zeros(nb, np.int64) for _ in range(4))
-    members: list[list[int]] = [[] for _ in inward]
-    for i in range(1, nb):
-        body = arrays.bodies[i]
-        parent = int(body["parent"])
-        free = body["vf"] >= 0 and body["nv"] > 0
-        if role[parent] == FIXED:
-            role[i] = INNER if free else FIXED
-        else:
-            locked = not free or body["nv"] < 6
-            role[i] = INNER if locked and groups[parent] == groups[i] else OUTER
-            if not neighbors(groups[[parent, i]], inward):
-                raise ValueError(f"body {i} and its parent {parent} are in groups {groups[i]} and {groups[parent]}")
-        if role[i] != FIXED:
-            members[groups[i]].append(i)
-    kept, sizes = [], []
-    for own in members:
-        rows: list[int] = []
-        for k, i in enumerate(own):
-            slot[i], place[i] = 6 * k, len(rows)
-            free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
-            rows += range(6 * k, 6 * k + (6 if role[i] == OUTER else free))
-        size = 6 * len(own)
-        for i in own:
-            if role[i] == OUTER:
-                lock[i] = size
-                free = int(arrays.bodies[i]["nv"]) if arrays.bodies[i]["vf"] >= 0 else 0
-                rows += range(size, size + 6 - free)
-                size += 6 - free
-        kept.append(np.array(rows, np.int64))
-        sizes.append(size)
-    flat = flat_list(members)
+    role, members = roles_of(arrays, found)
+    rows = rows_of(arrays, role, members)
     on = [[] if a.load.on_joint else [body.index for body in a.bodies] for a in acting]
     tangents = [kernel_of(a.load, "tangent") for a in acting]
+    has_tangent = [tangent not in (None, zero_tangent) for tangent in tangents]
     tied = [own[: len(own) - a.load.n_untied_bodies] for a, own in zip(acting, on, strict=True)]
-    loads = by_group(
-        [[] if t in (None, zero_tangent) else own for t, own in zip(tangents, tied, strict=True)], role, found
-    )
-    home, column, columns = np.full(len(acting), -1), np.full(nb, -1), np.zeros(nb, np.int64)
-    for g, own in enumerate(loads):
-        home[own] = g
-    for e, (all_of, own) in enumerate(zip(on, tied, strict=True)):
-        if tangents[e] not in (None, zero_tangent):
-            at_home = {home[e], inward[home[e]]} if home[e] >= 0 else set()
-            away = [i for i in all_of[len(own) :] if role[i] != FIXED and groups[i] not in at_home]
-            for g in {int(groups[i]) for i in away}:
-                loads[g].append(e)
-            for i in away if home[e] >= 0 else ():
-                if column[i] < 0:
-                    column[i] = columns.sum()
-                    alone = arrays.bodies[i]["nv"] == 1 and role[arrays.bodies[i]["parent"]] == FIXED
-                    columns[i] = 1 if alone else 6
-    steps = by_group([[] if t is not None else own for t, own in zip(tangents, on, strict=True)], role, found)
+    loads = by_group([own if has else [] for has, own in zip(has_tangent, tied, strict=True)], role, found)
+    home = np.full(len(acting), -1)
+    for g, at_home in enumerate(loads):
+        home[at_home] = g
+    loose = [own[len(ties) :] if has else [] for has, own, ties in zip(has_tangent, on, tied, strict=True)]
+    column, columns = place_away_from_home(arrays, role, found, home, loose, loads)
+    steps = by_group([own if tangent is None else [] for tangent, own in zip(tangents, on, strict=True)], role, found)
     ties = [[int(cut["a"]), int(cut["b"])] for cut in arrays.cuts]
     cuts = by_group(ties, role, found)
     pairs = [[i for end in "ab" for i in coupled_bodies(arrays, coupling, end)] for coupling in arrays.couplings]
     couplings = by_group(pairs, role, found)
-    along = loads_along_coordinates(acting)
     layout = Layout(
         role=role,
-        group=groups,
-        inward=inward,
-        slot=slot,
+        group=found.of,
+        inward=found.inward,
+        slot=rows.slot,
         condensed=np.array([any(role[i] == INNER for i in own) for own in members], np.int64),
-        kept=place,
-        lock=lock,
+        kept=rows.place,
+        lock=rows.lock,
         first=offsets(members),
-        members=flat,
+        members=flat_list(members),
         home=home,
         first_load=offsets(loads),
         loads=flat_list(loads),
@@ -134,11 +102,78 @@ def lay_out(
         steps=flat_list(steps),
         first_body=offsets(on + ties + pairs),
         bodies=flat_list(on + ties + pairs),
-        along=np.array(along, np.int64).reshape(-1, 4),
+        along=np.array(loads_along_coordinates(acting), np.int64).reshape(-1, 4),
         column=column,
         columns=columns,
     )
-    return layout, kept, sizes
+    return layout, rows.kept, rows.sizes
+
+
+def roles_of(arrays: Arrays, found: Groups) -> tuple[NDArray[np.int64], list[list[int]]]:
+    """Return the role (nb,) of every body, and the moving bodies of every group, parents first."""
+    role = np.zeros(len(arrays.bodies), np.int64)
+    members: list[list[int]] = [[] for _ in found.inward]
+    for i, body in enumerate(arrays.bodies[1:], 1):
+        parent, free = int(body["parent"]), count_free(body)
+        if role[parent] == FIXED:
+            role[i] = INNER if free else FIXED
+        else:
+            role[i] = INNER if free < 6 and found.of[parent] == found.of[i] else OUTER
+            if not neighbors(found.of[[parent, i]], found.inward):
+                raise ValueError(f"body {i} and its parent {parent} are in groups {found.of[i]} and {found.of[parent]}")
+        if role[i] != FIXED:
+            members[found.of[i]].append(i)
+    return role, members
+
+
+def count_free(body: Any) -> int:
+    """Return the number of coordinates of a body's joint that are not driven."""
+    return int(body["nv"]) if body["vf"] >= 0 else 0
+
+
+def rows_of(arrays: Arrays, role: NDArray[np.int64], members: Sequence[Sequence[int]]) -> GroupRows:
+    """Return the rows of the bodies: six each, then the multipliers of the joints of outer bodies."""
+    slot, place, lock = (np.zeros(len(arrays.bodies), np.int64) for _ in range(3))
+    kept, sizes = [], []
+    for own in members:
+        rows: list[int] = []
+        for k, i in enumerate(own):
+            slot[i], place[i] = 6 * k, len(rows)
+            rows += range(6 * k, 6 * k + (6 if role[i] == OUTER else count_free(arrays.bodies[i])))
+        size = 6 * len(own)
+        for i in own:
+            if role[i] == OUTER:
+                lock[i] = size
+                rows += range(size, size + 6 - count_free(arrays.bodies[i]))
+                size += 6 - count_free(arrays.bodies[i])
+        kept.append(np.array(rows, np.int64))
+        sizes.append(size)
+    return GroupRows(slot, place, lock, kept, sizes)
+
+
+def place_away_from_home(
+    arrays: Arrays,
+    role: NDArray[np.int64],
+    found: Groups,
+    home: NDArray[np.int64],
+    loose: Sequence[Sequence[int]],
+    loads: list[list[int]],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Add every load to the groups of its *loose* bodies, those that it does not tie, if these are neither at home nor
+    next to it inward. Return the columns (nb,) of such bodies in the border, and their number (nb,).
+    """
+    column, columns = np.full(len(arrays.bodies), -1), np.zeros(len(arrays.bodies), np.int64)
+    for e, own in enumerate(loose):
+        at_home = {home[e], found.inward[home[e]]} if home[e] >= 0 else set()
+        away = [i for i in own if role[i] != FIXED and found.of[i] not in at_home]
+        for g in {int(found.of[i]) for i in away}:
+            loads[g].append(e)
+        for i in away if home[e] >= 0 else ():
+            if column[i] < 0:
+                column[i] = columns.sum()
+                alone = arrays.bodies[i]["nv"] == 1 and role[arrays.bodies[i]["parent"]] == FIXED
+                columns[i] = 1 if alone else 6
+    return column, columns
 
 
 def is_local(load: Load) -> bool:
