@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from mbfmu.session.impulses import DEPENDENT_ROW_RATIO
+from mbfmu.session.kernels.eliminated_jumps import DEPENDENT_ROW_RATIO
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.linalg.dense import rank_at
 from solvers.outcome import OK

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import weakref
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy
@@ -12,16 +13,21 @@ from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.compiled.tuple_pointer import pin, unpin
+from solvers.positions import position_sizes
+from solvers.projection.eliminated import EliminationScratch
+from solvers.projection.eliminated import find_normal_rank as find_rank_of_motion
 from solvers.projection.projection import UNRESOLVED_PIVOT_RATIO
 from solvers.projection.rank import find_normal_rank
 from solvers.projection.workspace import Workspace
-from solvers.system import Array, Equations, System, Terms, TreeSystem
+from solvers.steppers import eliminates_constraints
+from solvers.system import AnySystem, Array, Equations, System, Terms, TreeSystem
 
+from .kernels.eliminated_jumps import DEPENDENT_ROW_RATIO, DETERMINED, IMMOBILE, find_jump
 from .run_messages import MASSLESS_EVENT, SINGULAR_EVENT
 
-DEPENDENT_ROW_RATIO = 1e-10  # part of an impulse, relative to all of it, that moves nothing
 # Singular value of the constraint Jacobian, relative to the largest, below which the velocities after an impulse, and
-# the positions of a loop in which a joint is locked, are not resolved
+# the positions of a loop in which a joint is locked, are not resolved; where constraints are eliminated, length of the
+# shortest equation
 IMPULSE_PIVOT_RATIO, LOCK_PIVOT_RATIO = UNRESOLVED_PIVOT_RATIO, 1e-4
 SAME_JUMP_RATIO = 1e-9  # difference of two jumps, relative to the largest change of a velocity, that is none
 CONTRADICTION = 1e-10  # square of the inverse of the jump that stops require, in units of that which one requires
@@ -167,7 +173,8 @@ def velocity_jump(
 
     The jump is N (N^T M N)^-1 N^T p with a basis N of the motions that the constraints allow (J N = 0), in units of the
     coordinates and of the rows of J. An impulse that no motion follows has none. In large models without constraints it
-    is M^-1 p, by the recursions along the tree.
+    is M^-1 p, by the recursions along the tree; in other large models constraints are eliminated along the tree, see
+    :mod:`.kernels.eliminated_jumps`.
 
     Parameters
     ----------
@@ -192,6 +199,8 @@ def velocity_jump(
     system = compiled.system
     if isinstance(system, TreeSystem) and not system.m:
         return tree_jump(system, t, q, v, impulses)
+    if eliminates_constraints("adams", system):
+        return EliminatedJumps.of(system, t, q, v).find(t, q, v, impulses, resolution)
     dense: Any = system if system.has_matrices else system.dense()
     moving, motions, jump = dense.n_velocities, allowed_motions(dense, t, q, v, resolution), np.zeros(impulses.shape)
     size = dense.size[:moving]
@@ -219,6 +228,45 @@ def tree_jump(system: TreeSystem, t: float, q: Array, v: Array, impulses: Array)
     for p, jump in zip(given, jumps, strict=True):
         system.mobility(p, system.pinned_data, jump)
     return jumps.reshape(impulses.shape)
+
+
+class EliminatedJumps:
+    """Jumps of the velocities of a large model with loops.
+
+    Parameters
+    ----------
+    system
+        Equations of motion, with ``elimination``.
+    t, q, v
+        Closed state at which the number of independent constraint equations is found, s, (nq,) and (n,).
+    """
+
+    _last: ClassVar[tuple[weakref.ref[AnySystem], EliminatedJumps] | None] = None  # planning costs 50 jumps
+
+    def __init__(self, system: AnySystem, t: float, q: Array, v: Array) -> None:
+        assert system.elimination is not None  # else matrices are used
+        scratch = EliminationScratch.allocate(system.nq, system.n, system.m, system.placed)
+        scratch.size[:] = system.size
+        position_sizes(scratch.positions, scratch.size, scratch.size_q)
+        self._equations, self._work = system.elimination(), pin(scratch)
+        scratch.near["rank"] = find_rank_of_motion(self._equations, t, q, v, self._work)
+
+    @staticmethod
+    def of(system: AnySystem, t: float, q: Array, v: Array) -> EliminatedJumps:
+        """Return those of a system; they are kept until those of another one are requested."""
+        kept = EliminatedJumps
+        if kept._last is None or kept._last[0]() is not system:
+            kept._last = weakref.ref(system), EliminatedJumps(system, t, q, v)
+        return kept._last[1]
+
+    def find(self, t: float, q: Array, v: Array, impulses: Array, resolution: float) -> Array:
+        """Return the jumps by impulses (n,) or (k, n), both as in :func:`velocity_jump`."""
+        jumps, given = np.zeros_like(np.atleast_2d(impulses)), np.atleast_2d(impulses)
+        for p, jump in zip(given, jumps, strict=True):
+            code = find_jump(self._equations, t, q, v, p, resolution, self._work, jump)
+            if code != DETERMINED:
+                raise UndeterminedJumpError(MASSLESS_EVENT if code == IMMOBILE else SINGULAR_EVENT)
+        return jumps.reshape(impulses.shape)
 
 
 def respond(motions: Motions, rank: int, given: Array) -> Array:
