@@ -1,4 +1,4 @@
-"""Blocks that are evaluated at equal intervals of time, and whose outputs are held in between."""
+"""Blocks that are evaluated at equal intervals of time; in between their outputs are held or follow their rates."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SampledBlock:
-    """A block whose first-order states have no rate and jump at the times k T, k = 0, 1, 2, ...
+    """A block whose first-order states jump at the times k T, k = 0, 1, 2, ...
 
-    With the inputs u at this time the held outputs become y = C x + D u, rounded to whole multiples of the ``quantum``,
-    and the states x become A x + B u.
+    With the inputs u at this time the outputs become y = C x + D u, rounded to whole multiples of the ``quantum``,
+    and the states x become A x + B u. Between two samples the states s = (x, y) are constant, or follow s' = R s.
 
     Parameters
     ----------
@@ -36,6 +36,8 @@ class SampledBlock:
         Matrices (n, n), (n, m), (p, n) and (p, m).
     quantum
         Step of the outputs; 0: they are not rounded.
+    rates
+        Matrix R (n + p, n + p), 1/s; None: zero.
     """
 
     name: str
@@ -47,6 +49,7 @@ class SampledBlock:
     C: Matrix
     D: Matrix
     quantum: float
+    rates: Matrix | None = None
 
     def sample(self, values: Any, u: Any) -> Matrix:
         """Return the next values of its states (n + p,) from the present ones and from the inputs u (m,)."""

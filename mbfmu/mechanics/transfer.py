@@ -89,7 +89,7 @@ def pade_delay(delay: float, order: int) -> tuple[list[float], list[float]]:
 
     The gain is 1 at all frequencies. The phase is that of the delay up to about w = ``order`` / ``delay``, rad/s. The
     response to a step starts with oscillations, since the approximation is no delay: use a high order only for signals
-    that are smooth over the delay.
+    that are smooth over the delay. :meth:`.Mechanism.delay` is a delay without this approximation.
 
     Parameters
     ----------

@@ -7,10 +7,11 @@ of a block get the rates of the difference quotient,
     x' = (A x + B u - x) / T,    y' = (C x + D u - y) / T,
 
 which are zero in the same states. Stability is not that of these rates, but that of the motion with samples: between
-two samples the states s of the linearized model follow s' = F s with constant x and y, at a sample of some blocks they
-jump to S s. The map over a common period of all blocks is the product of these matrices exp(F h) and S; the steady
-state is stable if its eigenvalues, the multipliers, are inside the unit circle (Astrom and Wittenmark 1997,
-Computer-Controlled Systems, chapter 3, ISBN 978-0-13-314899-2).
+two samples the states s of the linearized model follow s' = F s, where x and y are constant or have the rates of their
+block (:class:`.sampling.SampledBlock`); at a sample of some blocks they jump to S s. The map over a common period of
+all blocks is the product of these matrices exp(F h) and S; the steady state is stable if its eigenvalues, the
+multipliers, are inside the unit circle (Astrom and Wittenmark 1997, Computer-Controlled Systems, chapter 3, ISBN
+978-0-13-314899-2).
 """
 
 from __future__ import annotations
@@ -108,6 +109,8 @@ def multipliers(blocks: list[SampledBlock], F: Array, states: list[str]) -> tupl
         jump = np.zeros_like(F)
         jump[rows] = block.period * F[rows]
         flow[rows] = 0.0
+        if block.rates is not None:
+            flow[np.ix_(rows, rows)] = block.rates
         jumps.append(jump)
     total, last, flows = np.eye(len(F)), 0.0, dict[float, Array]()
     for t, due in zip(*found, strict=True):

@@ -12,10 +12,10 @@ from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
 from .bodies import coordinate_of
-from .sampled import Sampled
+from .delays import Delays
 
 
-class Events(Sampled):
+class Events(Delays):
     """Base of :class:`.Mechanism`: events, where the motion crosses a value or at given times."""
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ from mbfmu.mechanics.loads.base import FirstOrderState
 from mbfmu.mechanics.numbers import array_of, finite, not_negative, positive
 from mbfmu.mechanics.sampling import SampledBlock
 from mbfmu.mechanics.sensors import Sensor
-from mbfmu.mechanics.transfer import matrix
+from mbfmu.mechanics.transfer import Matrix, matrix
 from mbfmu.util.errors import UserError
 
 from .blocks import BlockHandle
@@ -186,8 +186,11 @@ class Sampled(Controllers):
         start_output: Sequence[float],
         nominal: float,
         units: Sequence[str],
+        rates: Matrix | None = None,
     ) -> SampledHandle:
-        """Add a block whose states are x and y, and whose outputs are y and u."""
+        """Add a block whose states are x and y, and whose outputs are y and u; ``rates``: see
+        :class:`.sampling.SampledBlock`.
+        """
         what, (p, m), n = f"block {name!r}", D.shape, len(A)
         step, T = not_negative(f"quantum of {what}", quantum), positive(f"period of {what}", period)
         names = [*(f"x{k + 1}" for k in range(n)), *(f"y{k + 1}" for k in range(p))]
@@ -199,17 +202,15 @@ class Sampled(Controllers):
         ]
         outputs, direct = np.eye(p + m, n + p, n), np.zeros((p + m, m))
         outputs[p:], direct[p:] = 0.0, np.eye(m)
-        constant = np.zeros((n + p, n + p)), np.zeros((n + p, m))
+        flow = np.zeros((n + p, n + p)) if rates is None else rates, np.zeros((n + p, m))
         given = {"source" if m == 1 else f"source {k}": source for k, source in enumerate(sources)}
         all_units = [*units, *["1"] * m]
         made = cast(
             "SampledHandle",
-            self._linear(
-                name, given, *constant, outputs, direct, None, [], all_units, states=states, handle=SampledHandle
-            ),
+            self._linear(name, given, *flow, outputs, direct, None, [], all_units, states=states, handle=SampledHandle),
         )
         made.held = p
         inputs = tuple(BlockHandle.value(made, p + k) for k in range(m))
         state_names = tuple(f"{name}.{own}" for own in names)
-        self.sampled.append(SampledBlock(name, T, state_names, inputs, A, B, C, D, step))
+        self.sampled.append(SampledBlock(name, T, state_names, inputs, A, B, C, D, step, rates))
         return made
