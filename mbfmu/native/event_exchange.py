@@ -38,7 +38,7 @@ from .event_actions import (
     release_sides,
     stop_by_event,
 )
-from .event_jumps import NO_JUMPS, hold_joint, jump_kernels, release_joint
+from .event_jumps import hold_joint, jump_kernels, release_joint
 from .event_memory import (
     EVENT_FAILED,
     EVENT_REQUESTED_CODE,
@@ -112,8 +112,8 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     ``update`` is the entry point ``exchange_update``, which updates at an event.
     """
     project_at, keep, restore = formulation.project, formulation.keep, formulation.restore
-    makes_jumps, update_at = family.jumps is not None, jit_uncached(update)
-    bounce, push, lock, adapt = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
+    update_at = jit_uncached(update)
+    bounce, push, lock, adapt = jump_kernels(family.jumps)
 
     @jit_uncached
     def evaluate(instance: Any, t: float) -> int:
@@ -195,7 +195,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         fill_point(instance.search, instance.session, t, instance.q, instance.v, BEGIN)
         note_sides(instance.search, BEGIN)
         update_durations(instance.events, instance.search, instance.session, t, instance.q, instance.v)
-        if makes_jumps and not check_stops(instance):
+        if not check_stops(instance):
             return EVENT_FAILED
         return OK
 

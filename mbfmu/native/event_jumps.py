@@ -1,7 +1,8 @@
 """Jumps of the velocities at events of native FMUs, as :mod:`mbfmu.session.impulses` finds them in Python.
 
 The jump dv by an impulse p is found by the factors of the solver: M dv + J^T Lambda = p and J dv = 0 are the equations
-of motion with p in place of the forces. Without matrices, M^-1 p is found by the recursions along the tree.
+of motion with p in place of the forces. Without matrices, M^-1 p is found by the recursions along the tree, and with
+constraints by their elimination along the tree, see :mod:`mbfmu.session.kernels.eliminated_jumps`.
 
 A joint is locked by the signal that it follows then, as a driven joint, and keeps its places among the free
 coordinates, where its velocity and its acceleration are zero. In the matrices its rows and columns are decoupled, see
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from mbfmu.session.kernels.eliminated_jumps import DEPENDENT_ROW_RATIO
+from mbfmu.session.kernels.eliminated_jumps import DEPENDENT_ROW_RATIO, DETERMINED, IMMOBILE, find_jump
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.linalg.dense import rank_at
 from solvers.outcome import OK
@@ -109,6 +110,22 @@ def respond_tree(instance: Any, impulse: Any, response: Any) -> int:
     for k in range(locks.shape[0]):
         bodies[locks[k].body].vf = locks[k].velocity
     return NO_FAILURE
+
+
+@kernel
+def prepare_eliminated(instance: Any) -> int:
+    """See :class:`Jumps`: every response evaluates the state."""
+    return NO_FAILURE
+
+
+@kernel
+def respond_eliminated(instance: Any, impulse: Any, response: Any) -> int:
+    """See :class:`Jumps`."""
+    state = instance.clock[0], instance.q, instance.v
+    code = find_jump(instance.eqs, *state, impulse, UNRESOLVED_PIVOT_RATIO, instance.work, response)
+    if code == DETERMINED:
+        return NO_FAILURE
+    return MASSLESS if code == IMMOBILE else SINGULAR
 
 
 @kernel
@@ -288,30 +305,12 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
 
 
 @kernel
-def never_bounce(instance: Any) -> bool:
-    """Of families without jumps."""
-    return False
-
-
-@kernel
-def never_push(instance: Any, place: int, value: float) -> int:
-    """Of families without jumps."""
-    return NO_FAILURE
-
-
-@kernel
-def never_lock(instance: Any, lock: int) -> int:
-    """Of families without jumps."""
-    return NO_FAILURE
-
-
-@kernel
 def never_adapt(instance: Any) -> int:
-    """Of families without jumps, or without constraints."""
+    """Of families whose solver depends on no rank."""
     return NO_FAILURE
 
 
-NO_JUMPS = JumpKernels(never_bounce, never_push, never_lock, never_adapt)
 DENSE_JUMPS = Jumps(prepare_dense, respond_dense, locks=True)
 TREE_JUMPS = Jumps(prepare_tree, respond_tree, locks=True)
+ELIMINATED_JUMPS = Jumps(prepare_eliminated, respond_eliminated, locks=False)  # fronts have no locked joints
 IMPLICIT_TREE_JUMPS = TREE_JUMPS._replace(locks=False)  # the structured tangent has no locked joints

@@ -26,7 +26,7 @@ from .event_actions import (
     release_sides,
     stop_by_event,
 )
-from .event_jumps import NO_JUMPS, hold_joint, jump_kernels, release_joint
+from .event_jumps import hold_joint, jump_kernels, release_joint
 from .event_memory import (
     EVENT_FAILED,
     IMPULSE,
@@ -53,7 +53,7 @@ class Execution(NamedTuple):
 def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Execution:
     """Return what happens at the events of a family."""
     jump, restart = solver.jump, solver.restart
-    bounce, push, lock, adapt = jump_kernels(family.jumps) if family.jumps else NO_JUMPS
+    bounce, push, lock, adapt = jump_kernels(family.jumps)
     set_input = jit_uncached(sequence.set_input)
 
     @jit_uncached
@@ -200,7 +200,7 @@ def restart_of(family: Any, solver: SolverActions, search: Search) -> Any:
 
 def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dict[str, Callable[..., int]]:
     """Return the entry points of models with events by their names; all take an instance and a time, s."""
-    search, makes_jumps = search_of(step_actions(family, solver), jit_uncached), family.jumps is not None
+    search = search_of(step_actions(family, solver), jit_uncached)
     begin_search, advance = jit_uncached(search.begin), jit_uncached(search.advance)
     begin_step = jit_uncached(sequence.begin_step)
     act, sample = execution_of(family, solver, sequence)
@@ -226,7 +226,7 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
             begin_samples(instance.sampled, t)
             begin_search(instance)
             note_durations(instance)
-            if makes_jumps and not check_stops(instance):
+            if not check_stops(instance):
                 return EVENT_FAILED
             is_event = collect_due(instance.events, instance.search, t, 0.0)
         code: int = act(instance) if is_event else OK

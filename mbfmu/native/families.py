@@ -56,7 +56,7 @@ from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
 
 from . import eliminated
 from .closing import close_positions, close_velocities
-from .event_jumps import DENSE_JUMPS, IMPLICIT_TREE_JUMPS, TREE_JUMPS, Jumps
+from .event_jumps import DENSE_JUMPS, ELIMINATED_JUMPS, IMPLICIT_TREE_JUMPS, TREE_JUMPS, Jumps
 from .solver_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
 from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
@@ -126,6 +126,7 @@ class Family(NamedTuple):
     leaves_placed: bool  # whether an advance leaves the bodies at the reported state
     needs_work: Any  # (settings) -> whether the work of forces without a potential is to be integrated
     method: MethodKernels
+    jumps: Jumps  # how impulses change the velocities
     start: Any = None  # (instance, truncated_steps, keeps_position): instead of that of the method
     restore: Any = leave  # (problem, options): continue from arrays that were saved
     close: Any = leave_open  # (problem): free what was allocated outside of the block
@@ -136,7 +137,6 @@ class Family(NamedTuple):
     evaluates_placed: bool = True  # whether an evaluation leaves the bodies at the reported state
     formulation: Callable[[Any, Any], tuple[Any, Any]] = whole_of  # (eqs, work) -> those of the Instance
     steps: StepKernels = ADAMS_STEPS
-    jumps: Jumps | None = None  # how impulses change the velocities; None: they are not supported
 
 
 @kernel
@@ -345,51 +345,51 @@ FAMILIES = {  # by the prefix of their entry points
     "adams": Family(
         adams, DENSE_KERNELS, _dense_equations, History.allocate, _workspace,
         assemble_dense, begin_adams, evaluate_dense, solve_dense, True, checks_or_watches_energy, ADAMS_KERNELS,
-        jumps=DENSE_JUMPS._replace(adapt=begin_adams),
+        DENSE_JUMPS._replace(adapt=begin_adams),
     ),
     "radau": Family(
         radau, DENSE_KERNELS, _dense_equations, lambda nq, n, m: Memory.allocate(nq, n), _workspace,
         assemble_dense, begin_radau, evaluate_dense, solve_dense, True, checks_energy, RadauMethod.kernels,
-        steps=ONE_STEP_STEPS, jumps=DENSE_JUMPS._replace(adapt=begin_radau),
+        DENSE_JUMPS._replace(adapt=begin_radau), steps=ONE_STEP_STEPS,
     ),
     "ida": Family(
         dense_ida, DENSE_KERNELS, _dense_equations, IDAMemory.allocate, _workspace,
         assemble_dense, begin_ida, evaluate_dense, solve_dense, True, checks_energy, dense_ida.IDA_KERNELS,
-        start_ida, dense_ida.restore, dense_ida.close, keeps_history_at_jumps=False, steps=IDA_STEPS,
-        jumps=DENSE_JUMPS._replace(adapt=adapt_ida),
+        DENSE_JUMPS._replace(adapt=adapt_ida), start_ida, dense_ida.restore, dense_ida.close,
+        keeps_history_at_jumps=False, steps=IDA_STEPS,
     ),
     "tree": Family(
         tree_loop, EXPLICIT_KERNELS, _explicit_equations, History.allocate,
         lambda nq, n, m, p: TreeScratch.allocate(nq, n, p),
-        assemble_tree, begin_tree, evaluate_tree, evaluate_tree, False, checks_energy, ADAMS_KERNELS, balance=no_search,
-        jumps=TREE_JUMPS,
+        assemble_tree, begin_tree, evaluate_tree, evaluate_tree, False, checks_energy, ADAMS_KERNELS, TREE_JUMPS,
+        balance=no_search,
     ),
     "esdirk": Family(
         esdirk, TREE_KERNELS, _tree_equations, ESDIRKMemory.allocate, Work.allocate,
         assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
-        ESDIRK_KERNELS,
+        ESDIRK_KERNELS, IMPLICIT_TREE_JUMPS,
         restore=esdirk.discard_factors, balance=no_search, structure=STRUCTURED_TANGENT, uses_tangent=True,
-        steps=ONE_STEP_STEPS, jumps=IMPLICIT_TREE_JUMPS,
+        steps=ONE_STEP_STEPS,
     ),
     "tree_ida": Family(
         tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
         assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
-        tree_ida.IDA_KERNELS,
+        tree_ida.IDA_KERNELS, IMPLICIT_TREE_JUMPS,
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
-        structure=STRUCTURED_TANGENT, uses_tangent=True, steps=IDA_STEPS, jumps=IMPLICIT_TREE_JUMPS,
+        structure=STRUCTURED_TANGENT, uses_tangent=True, steps=IDA_STEPS,
     ),
     "eliminated": Family(
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
         lambda nq, n, m: History.allocate(nq, n, 0), EliminationScratch.allocate,
         eliminated.assemble_eliminated, eliminated.begin_eliminated, eliminated.evaluate_eliminated,
-        eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS, balance=no_search,
+        eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS, ELIMINATED_JUMPS, balance=no_search,
         structure=Structure(eliminated.equations_of, eliminated.empty_equations), evaluates_placed=False,
     ),
     "eliminated_ida": Family(
         eliminated_ida, eliminated.ELIMINATION_KERNELS | eliminated.TANGENT_KERNELS, eliminated.implicit_equations,
         lambda nq, n, m: EliminatedIDAMemory.allocate(nq, n), eliminated.implicit_work,
         eliminated.assemble_eliminated, eliminated.begin_eliminated_ida, eliminated.evaluate_eliminated,
-        eliminated.evaluate_eliminated, False, checks_energy, tree_ida.IDA_KERNELS,
+        eliminated.evaluate_eliminated, False, checks_energy, tree_ida.IDA_KERNELS, ELIMINATED_JUMPS,
         restore=eliminated_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
         structure=Structure(eliminated.implicit_structure_of, eliminated.empty_implicit_structure), uses_tangent=True,
         evaluates_placed=False, formulation=eliminated.formulation_of, steps=IDA_STEPS,

@@ -44,12 +44,5 @@ def refuse_model(simulation: Simulation, family: str) -> None:
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
-    refuse_unsupported(simulation.compiled, *supported_events(simulation, family))
-
-
-def supported_events(simulation: Simulation, family: str) -> tuple[bool, bool, str]:
-    """Return whether impulses, and locks of joints, are supported, and a description of such models if they are not."""
-    jumps = FAMILIES[family].jumps
-    if jumps is None:
-        return False, False, "large models with cut joints or couplings"
-    return True, jumps.locks, f"large models with the solver {simulation.solver_choice.solver!r}"
+    size = "" if FAMILIES[family].jumps.locks else f"large models with the solver {simulation.solver_choice.solver!r}"
+    refuse_unsupported(simulation.compiled, size)

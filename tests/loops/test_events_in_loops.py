@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
+from fmpy import simulate_fmu
 from mechanisms import G, n_four_bar
 from scipy.integrate import quad
 
 import mbfmu as mb
+from mbfmu.fmi.export import export
+from mbfmu.modeling.model import as_model
 
 LOOPS, STOP, SPEED = 31, 0.9, -1.0  # height of the couplers at the stop, m; rate at the start, rad/s
 INERTIA, WEIGHT = (LOOPS + 1) / 3.0 + LOOPS, (0.5 * (LOOPS + 1) + LOOPS) * G  # kg m2; N m, of all rods of 1 m and 1 kg
@@ -23,28 +29,50 @@ def duration(first: float, last: float, energy: float) -> float:
     return float(quad(lambda angle: 1.0 / rate(angle, energy), first, last, epsabs=1e-12)[0])
 
 
-@pytest.mark.parametrize("solver", ["adams", "ida"])
-def test_a_row_of_fourbars_bounces_and_is_kicked(solver: str) -> None:
-    """Reference: SciPy's integral of the time over the angle, whose rate follows from the energy.
+def kicked_row(ends: bool = True) -> tuple[mb.Mechanism, np.ndarray, float]:
+    """Return the row, the times of its two events and the last rate, which are SciPy's integral of the time over the
+    angle, whose rate follows from the energy.
 
     The height of a coupler hits a stop; the impulse acts on the last column where all are upright again.
     """
     e, impulse, m = 0.95, 7.0, n_four_bar(LOOPS).mechanism
     middle, last = m.bodies[LOOPS], m.bodies[-1]
     m.event("stop", middle.position("y"), crosses=STOP, direction="down", then=mb.Bounce(e))
-    kick = [mb.Impulse(last, impulse), mb.EndRun()]
+    kick = [mb.Impulse(last, impulse), *([mb.EndRun()] if ends else [])]
     m.event("upright", m.bodies[1].angle(), crosses=0.5 * np.pi, direction="up", then=kick)
     m.output("rate", last.rate())
     m.output("residual", m.velocity_residual)
-    result = mb.simulate(m, 5.0, interval=0.25, solver=solver, tolerance=1e-7)
     angle, energy = np.arcsin(STOP), 0.5 * INERTIA * SPEED**2 + WEIGHT
     after = WEIGHT * STOP + 0.5 * INERTIA * (e * rate(angle, energy)) ** 2
     times = np.cumsum((duration(angle, 0.5 * np.pi, energy), duration(angle, 0.5 * np.pi, after)))
+    return m, times, rate(0.5 * np.pi, after) + impulse / INERTIA
+
+
+@pytest.mark.parametrize("solver", ["adams", "ida"])
+def test_a_row_of_fourbars_bounces_and_is_kicked(solver: str) -> None:
+    m, times, last_rate = kicked_row()
+    result = mb.simulate(m, 5.0, interval=0.25, solver=solver, tolerance=1e-7)
     assert [event.name for event in result.events] == ["stop", "upright"]
     np.testing.assert_allclose([event.time for event in result.events], times, rtol=0.0, atol=2e-6)
-    assert result["rate"][-1] == pytest.approx(rate(0.5 * np.pi, after) + impulse / INERTIA, abs=1e-5)
+    assert result["rate"][-1] == pytest.approx(last_rate, abs=1e-5)
     assert result["residual"].max() <= 1e-9
     assert not result.warning
+
+
+@pytest.mark.campaign
+@pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
+@pytest.mark.parametrize("solver", ["adams", "ida"])
+def test_a_native_fmu_of_the_row_bounces_and_is_kicked(solver: str, tmp_path: Path) -> None:
+    """A millisecond after the impulse, which acts where the rate has an extremum: it changes by less than 1e-5."""
+    m, times, last_rate = kicked_row(ends=False)
+    m.output("angle", m.bodies[1].angle())
+    path = export(as_model(m), tmp_path / "row.fmu", mb.Settings(solver=solver, tolerance=1e-7), native=True)
+    stop = times[1] + 1e-3
+    for kind, relative in (("CoSimulation", None), ("ModelExchange", 1e-9)):
+        how = {"fmi_type": kind, "relative_tolerance": relative, "record_events": False}
+        found = simulate_fmu(str(path), stop_time=stop, output_interval=stop / 4, **how)
+        assert found["angle"][-1] == pytest.approx(0.5 * np.pi + 1e-3 * last_rate, abs=5e-6)
+        assert found["rate"][-1] == pytest.approx(last_rate, abs=2e-5)
 
 
 def parallelogram(angle: float, then: str) -> mb.Mechanism:
