@@ -112,6 +112,27 @@ def test_laws_and_blocks_use_expressions(way: str) -> None:
     np.testing.assert_allclose(result["x"], 0.5 * (1.0 - np.cos(2.0 * result.t)), atol=1e-7)
 
 
+def long_text(first: int) -> str:
+    """Return an expression of x and w that is so long that compiled code calls it and does not contain it."""
+    return " + ".join(f"0.1 * sin({first + k} * x) * exp(-(w**2) / {first + k})" for k in range(1, 60))
+
+
+def test_long_laws_with_the_same_arguments_are_not_mistaken_for_each_other() -> None:
+    m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
+    for first in (1, 20):
+        body = m.body(f"cart{first}", m.ground, mb.Translational(axis="x", start=0.3, nominal=1.0), mass=2.0)
+        uses = {"x": body.coordinate(), "w": body.rate()}
+        force = m.force(f"force{first}", mb.JointForce(long_text(first), uses=uses), body)
+        for name, sensor in (("x", body.coordinate()), ("w", body.rate()), ("force", force.effort())):
+            m.output(f"{name}{first}", sensor)
+        m.output(f"seen{first}", m.expression(long_text(first), uses=uses, unit="N"))
+    result = mb.simulate(m, 0.5, solver="adams")
+    for first in (1, 20):
+        expected = eval(long_text(first), dict(FUNCTIONS), {name: result[f"{name}{first}"] for name in ("x", "w")})
+        for name in ("force", "seen"):
+            np.testing.assert_allclose(result[f"{name}{first}"], expected, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("declare", "named"),
     [

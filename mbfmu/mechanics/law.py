@@ -11,6 +11,7 @@ import inspect
 import re
 from collections.abc import Callable
 from functools import cache
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -167,11 +168,22 @@ def compiled(law: Any, count: int) -> Any:
 
     Equal functions are one kernel: a model creates its functions again whenever it is built.
     """
-    made = law if is_kernel(law) or not COMPILED else jit_uncached(law)
+    made = law if is_kernel(law) or not COMPILED else jit_uncached(_as_local(law))
     made = _kernels.setdefault((fingerprint_of_function(law), count), made)
     if COMPILED:
         made.compile(types.float64(*[types.float64] * count))
     return made
+
+
+def _as_local(law: Any) -> Any:
+    """Return a function under a qualified name of a local one: kernels of other names are known by them, and functions
+    of one name, such as lambdas, would be mistaken for each other (:mod:`solvers.compiled.symbols`).
+    """
+    if not isinstance(law, FunctionType):
+        return law
+    own = FunctionType(law.__code__, law.__globals__, law.__name__, law.__defaults__, law.__closure__)
+    own.__kwdefaults__, own.__qualname__ = law.__kwdefaults__, f"{_as_local.__name__}.<locals>.{law.__name__}"
+    return own
 
 
 def at(law: Any, t: float, x: Any, rate: Any) -> Any:

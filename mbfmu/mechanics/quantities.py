@@ -288,7 +288,12 @@ def evaluator(count: int) -> Callable[..., Any]:
 
 
 def _defined(source: str, name: str, names: dict[str, Any]) -> Any:
-    """Return the function that a source of this module defines, with these global names."""
+    """Return the function that a source of this module defines, with these global names.
+
+    Its qualified name is that of a local function, since several of one name are at work: kernels are known by the
+    names of others (:mod:`solvers.compiled.symbols`).
+    """
     found: dict[str, Any] = {"__name__": __name__, **names}
     exec(compile(source, f"<{__name__}>", "exec"), found)
+    found[name].__qualname__ = f"_defined.<locals>.{name}"
     return cast("Any", found[name])
