@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.elimination import eliminated, empty_elimination
 from mbfmu.mechanics.elimination.loops import find_closed_velocities, iterate_to_closed
 from mbfmu.mechanics.recursions import dynamics as recursions
-from mbfmu.mechanics.tangent import factored
-from mbfmu.mechanics.tangent.factored import empty_tangent
 from solvers.compiled.kernel import kernel
 from solvers.compiled.tuple_pointer import unpin
 from solvers.loop_closure import ASSEMBLED, MAX_STAGES, set_weights
@@ -28,9 +27,11 @@ from solvers.steppers.adams.pece import set_options
 from solvers.steppers.eliminated import begin_motion, find_rate, is_unresolved
 from solvers.steppers.eliminated_newton import ImplicitEquations, Work
 from solvers.steppers.ida import eliminated_memory
-from solvers.system import AnySystem, Array, EliminationEquations, TangentCallbacks, Terms
+from solvers.system import Array, EliminationEquations, Terms
 
 from .closing import close_positions, close_velocities
+from .exchange_eliminated import copy_branch
+from .locked_tangent import LOCKABLE_TANGENT_KERNELS, empty_lockable_tangent, lockable_tangent
 from .start_checks import find_turned, mark_free_rates
 
 ELIMINATIONS = "accelerate", "correct_position", "correct_velocity"
@@ -38,7 +39,6 @@ ELIMINATION_KERNELS = {name: getattr(eliminated, name) for name in ELIMINATIONS}
 ELIMINATION_KERNELS |= {name: getattr(recursions, name) for name in ("inverse", "retract", "position")}
 ELIMINATION_KERNELS |= {"power": recursions.solved_power, "evaluate_energy_bound": recursions.evaluate_energy_bound}
 ELIMINATION_KERNELS |= {"longest_load_step": recursions.longest_load_step}
-TANGENT_KERNELS = {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
 
 
 class ClosableEquations(NamedTuple):
@@ -69,10 +69,10 @@ class ClosableEquations(NamedTuple):
         )
 
 
-def equations_of(system: AnySystem) -> Any:
-    """Return the equations of a system with its constraints eliminated."""
-    assert system.elimination is not None  # else it is of another family
-    return unpin(system.elimination())
+def equations_of(compiled: CompiledMechanism) -> Any:
+    """Return the equations of a mechanism with its constraints eliminated."""
+    assert compiled.system.elimination is not None  # else it is of another family
+    return unpin(compiled.system.elimination())
 
 
 def empty_equations() -> EliminationEquations:
@@ -84,25 +84,28 @@ class ImplicitStructure(NamedTuple):
     """What the equations of IDA have besides the arrays of the mechanism."""
 
     loops: EliminationEquations
-    tangent: Any  # data of the structured tangent, pinned
+    tangent: Any  # data of the structured tangent, pinned: .locked_tangent.LockableTangent
 
 
-def implicit_structure_of(system: AnySystem) -> ImplicitStructure:
-    """Return that of a system."""
-    elimination: Any = system.elimination
-    return ImplicitStructure(equations_of(system), elimination.tangent().callbacks.tangent)
+def implicit_structure_of(compiled: CompiledMechanism) -> ImplicitStructure:
+    """Return that of a mechanism."""
+    elimination: Any = compiled.system.elimination
+    tangent = lockable_tangent(compiled, elimination.tangent().callbacks.tangent)
+    return ImplicitStructure(equations_of(compiled), tangent)
 
 
 def empty_implicit_structure() -> ImplicitStructure:
     """Return one whose data have the types that all mechanisms have."""
-    return ImplicitStructure(empty_equations(), empty_tangent())
+    return ImplicitStructure(empty_equations(), empty_lockable_tangent())
 
 
 def implicit_equations(
     callbacks: dict[str, Any], data: Any, known: ImplicitStructure, nq: int, n: int, m: int
 ) -> ImplicitEquations:
     """Return the equations of IDA."""
-    loops, tangent = ({name: callbacks[name] for name in own} for own in (ELIMINATION_KERNELS, TANGENT_KERNELS))
+    loops, tangent = (
+        {name: callbacks[name] for name in own} for own in (ELIMINATION_KERNELS, LOCKABLE_TANGENT_KERNELS)
+    )
     closable = ClosableEquations.of(loops, data, known.loops, nq, n, m)
     return ImplicitEquations(loops=closable, **tangent, tangent=known.tangent)
 
@@ -195,6 +198,31 @@ def begin_formulation(instance: Any, t: float) -> tuple[int, float]:
         status.singular = mark_free_rates(eqs.terms.J, control.rank, instance.start.scratch)
     known, duration = instance.known[0], instance.options[0].duration
     return code, find_rate(eqs, t, problem.q, problem.v, code == OK, known, duration, work)
+
+
+@kernel
+def replace_branches(instance: Any) -> None:
+    """Let what model exchange has stored of the branch be that of the present constraints and their rank."""
+    exchange = instance.exchange
+    copy_branch(instance.work, exchange.before)
+    copy_branch(instance.work, exchange.completed)
+    copy_branch(instance.work, exchange.previous)
+
+
+@kernel
+def adapt_eliminated(instance: Any, t: float) -> tuple[int, float]:
+    """Continue at the reported state with joints that were locked or released."""
+    code, rate = begin_eliminated(instance, t)
+    replace_branches(instance)
+    return code, rate
+
+
+@kernel
+def adapt_eliminated_ida(instance: Any, t: float) -> tuple[int, float]:
+    """As :func:`adapt_eliminated`."""
+    code, rate = begin_eliminated_ida(instance, t)
+    replace_branches(instance)
+    return code, rate
 
 
 @kernel

@@ -119,7 +119,7 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     compiled, system, family = simulation.compiled, simulation.compiled.system, FAMILIES[family_of(simulation)]
     given, (q, v) = unpin(stepper.integration), (array.copy() for array in simulation.start)
     sizes = system.nq, system.n, system.m
-    structure = family.structure.of(system)
+    structure = family.structure.of(compiled)
     eqs = family.equations(dict.fromkeys(family.callbacks, 0), system.pinned_data, structure, *sizes)
     work = family.work(*sizes, system.placed)
     if "nonholonomic" in work._fields:

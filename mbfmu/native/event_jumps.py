@@ -6,8 +6,9 @@ constraints by their elimination along the tree, see :mod:`mbfmu.session.kernels
 
 A joint is locked by the signal that it follows then, as a driven joint, and keeps its places among the free
 coordinates, where its velocity and its acceleration are zero. In the matrices its rows and columns are decoupled, see
-:func:`.recursions.dynamics.decouple_locked_joints`; the recursions treat it as driven. In loops the rank of the
-constraints is found again, since constraint equations may depend on each other then.
+:func:`.recursions.dynamics.decouple_locked_joints`; the recursions treat it as driven, and so do the elimination of
+constraints and the structured tangent (:mod:`.locked_tangent`). In loops the rank of the constraints is found again,
+since constraint equations may depend on each other then.
 """
 
 from __future__ import annotations
@@ -35,14 +36,25 @@ from .event_memory import (
 from .exchange_memory import RESTART
 
 
+@kernel
+def keep_factors(instance: Any) -> None:
+    """Of solvers that keep no factors over events."""
+
+
+@kernel
+def renew_tangent(instance: Any) -> None:
+    """Of solvers that use the structured tangent."""
+    instance.given.eqs.tangent.n_factored[0] += 1
+
+
 class Jumps(NamedTuple):
     """How a family finds the jump of the velocities by an impulse; kernels over an instance."""
 
     prepare: Any  # (instance) -> one of FAILURES: the factors at the reported state
     respond: Any  # (instance, impulse (n,), response (n,)) -> one of FAILURES: the jump, by these factors
-    locks: bool  # whether joints can be locked
     # (instance, t) -> code and rate (1/s): adapts the solver to constraints of another rank; None: it has none
     adapt: Any = None
+    renew: Any = keep_factors  # (instance): lets the solver factor its matrix again
 
 
 class JumpKernels(NamedTuple):
@@ -223,6 +235,12 @@ def combine_responses(events: EventMemory, dv: Any) -> None:
             dv[i] += events.impulses[k] * events.responses[k, i] if events.hit[k] == 1 else 0.0
 
 
+@kernel
+def never_adapt(instance: Any, t: float) -> tuple[int, float]:
+    """Of families without constraints."""
+    return OK, 0.0
+
+
 def jump_kernels(jumps: Jumps) -> JumpKernels:
     """Return what events do to the velocities in a family."""
     prepare, respond = jumps.prepare, jumps.respond
@@ -291,26 +309,20 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
             dv[i] = -instance.v[i] if i == place else factor * dv[i]
         return NO_FAILURE
 
-    adapt_constraints = jumps.adapt
+    adapt_constraints, renew = jumps.adapt if jumps.adapt else never_adapt, jumps.renew
 
     @jit_uncached
     def adapt(instance: Any) -> int:
+        renew(instance)
         if instance.lam.shape[0] == 0:
             return NO_FAILURE
         code, _ = adapt_constraints(instance, instance.clock[0])
         instance.exchange.times[RESTART] = 1.0  # positions before are on other branches
         return NO_FAILURE if code == OK else SINGULAR
 
-    return JumpKernels(bounce, push, lock, adapt if adapt_constraints else never_adapt)
+    return JumpKernels(bounce, push, lock, adapt)
 
 
-@kernel
-def never_adapt(instance: Any) -> int:
-    """Of families whose solver depends on no rank."""
-    return NO_FAILURE
-
-
-DENSE_JUMPS = Jumps(prepare_dense, respond_dense, locks=True)
-TREE_JUMPS = Jumps(prepare_tree, respond_tree, locks=True)
-ELIMINATED_JUMPS = Jumps(prepare_eliminated, respond_eliminated, locks=False)  # fronts have no locked joints
-IMPLICIT_TREE_JUMPS = TREE_JUMPS._replace(locks=False)  # the structured tangent has no locked joints
+DENSE_JUMPS = Jumps(prepare_dense, respond_dense)
+TREE_JUMPS = Jumps(prepare_tree, respond_tree)
+ELIMINATED_JUMPS = Jumps(prepare_eliminated, respond_eliminated)

@@ -274,12 +274,9 @@ def empty_memory() -> EventMemory:
     return EventMemory.allocate(*records, np.zeros(4), [0], [0], 1, np.zeros(1), [0], 1, (1, 1))
 
 
-def refuse_unsupported(compiled: CompiledMechanism, immovable: str) -> None:
-    """Raise UserError if native FMUs do not support one of the events of a compiled mechanism.
-
-    ``immovable`` describes such models if joints cannot be locked in them; empty: they can.
-    """
-    reasons: dict[type[Action], str] = dict.fromkeys((Lock, Release), immovable) if immovable else {}
+def refuse_unsupported(compiled: CompiledMechanism) -> None:
+    """Raise UserError if native FMUs do not support one of the events of a compiled mechanism."""
+    reasons: dict[type[Action], str] = {}
     if compiled.histories:  # steps on trial would change them
         reasons[Restart] = "models with friction of sheets that sticks"
     allowed = ", ".join(kind.__name__ for kind in ACTION_KINDS if kind not in reasons)

@@ -10,8 +10,6 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from mbfmu.mechanics.recursions import dynamics as recursions
-from mbfmu.mechanics.tangent import factored
-from mbfmu.mechanics.tangent.factored import empty_tangent
 from solvers.compiled.kernel import kernel
 from solvers.energy_account import WORK
 from solvers.loop_closure import (
@@ -27,7 +25,6 @@ from solvers.projection.rank import find_normal_rank
 from solvers.projection.reported import has_unresolved_forces, solve_state
 from solvers.projection.tree_constraints import solve_accelerations
 from solvers.projection.workspace import Workspace, evaluate_and_factor
-from solvers.steppers import recursive_system
 from solvers.steppers.adams import eliminated_loop, tree_loop
 from solvers.steppers.adams import loop as adams
 from solvers.steppers.adams.formulas import History
@@ -52,11 +49,12 @@ from solvers.steppers.radau import loop as radau
 from solvers.steppers.radau.dense import RadauMethod
 from solvers.steppers.radau.formulas import Memory
 from solvers.steppers.tree import TreeScratch
-from solvers.system import Equations, TangentCallbacks, Terms, TreeEquations
+from solvers.system import Equations, Terms, TreeEquations
 
-from . import eliminated
+from . import eliminated, locked_tangent
 from .closing import close_positions, close_velocities
-from .event_jumps import DENSE_JUMPS, ELIMINATED_JUMPS, IMPLICIT_TREE_JUMPS, TREE_JUMPS, Jumps
+from .event_jumps import DENSE_JUMPS, ELIMINATED_JUMPS, TREE_JUMPS, Jumps, renew_tangent
+from .locked_tangent import LOCKABLE_TANGENT_KERNELS, empty_lockable_tangent, tree_tangent
 from .solver_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
 from .start_checks import NO_BRANCH, mark_free_rates
 from .steady_start import find_start_in_steady_state, no_search
@@ -82,7 +80,7 @@ EXPLICIT_KERNELS = {name: getattr(recursions, name) for name in ExplicitTreeEqua
 EXPLICIT_KERNELS["power"] = recursions.solved_power
 MORE_OF_TREES = "mesh_motion", "constraints", "position"
 TREE_KERNELS = EXPLICIT_KERNELS | {name: getattr(recursions, name) for name in MORE_OF_TREES}
-TREE_KERNELS |= {name: getattr(factored, name) for name in TangentCallbacks._fields[:-1]}
+TREE_KERNELS |= LOCKABLE_TANGENT_KERNELS | {"inverse": locked_tangent.inverse}
 
 
 @kernel
@@ -103,11 +101,11 @@ def whole_of(eqs: Any, work: Any) -> tuple[Any, Any]:
 class Structure(NamedTuple):
     """What the equations of a family have besides the arrays of the mechanism."""
 
-    of: Callable[[Any], Any]  # of a system
+    of: Callable[[Any], Any]  # of a compiled mechanism
     empty: Callable[[], Any]  # an example of the types that all have
 
 
-STRUCTURED_TANGENT = Structure(lambda system: recursive_system(system).tangent.callbacks.tangent, empty_tangent)
+STRUCTURED_TANGENT = Structure(tree_tangent, empty_lockable_tangent)
 
 
 class Family(NamedTuple):
@@ -367,14 +365,14 @@ FAMILIES = {  # by the prefix of their entry points
     "esdirk": Family(
         esdirk, TREE_KERNELS, _tree_equations, ESDIRKMemory.allocate, Work.allocate,
         assemble_tree, begin_esdirk, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
-        ESDIRK_KERNELS, IMPLICIT_TREE_JUMPS,
+        ESDIRK_KERNELS, TREE_JUMPS._replace(renew=renew_tangent),
         restore=esdirk.discard_factors, balance=no_search, structure=STRUCTURED_TANGENT, uses_tangent=True,
         steps=ONE_STEP_STEPS,
     ),
     "tree_ida": Family(
         tree_ida, TREE_KERNELS, _tree_equations, tree_memory.TreeIDAMemory.allocate, tree_memory.Work.allocate,
         assemble_tree, begin_tree_ida, evaluate_constrained_tree, evaluate_constrained_tree, False, checks_energy,
-        tree_ida.IDA_KERNELS, IMPLICIT_TREE_JUMPS,
+        tree_ida.IDA_KERNELS, TREE_JUMPS._replace(renew=renew_tangent),
         restore=tree_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
         structure=STRUCTURED_TANGENT, uses_tangent=True, steps=IDA_STEPS,
     ),
@@ -382,14 +380,16 @@ FAMILIES = {  # by the prefix of their entry points
         eliminated_loop, eliminated.ELIMINATION_KERNELS, eliminated.ClosableEquations.of,
         lambda nq, n, m: History.allocate(nq, n, 0), EliminationScratch.allocate,
         eliminated.assemble_eliminated, eliminated.begin_eliminated, eliminated.evaluate_eliminated,
-        eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS, ELIMINATED_JUMPS, balance=no_search,
+        eliminated.evaluate_eliminated, False, checks_energy, ADAMS_KERNELS,
+        ELIMINATED_JUMPS._replace(adapt=eliminated.adapt_eliminated), balance=no_search,
         structure=Structure(eliminated.equations_of, eliminated.empty_equations), evaluates_placed=False,
     ),
     "eliminated_ida": Family(
-        eliminated_ida, eliminated.ELIMINATION_KERNELS | eliminated.TANGENT_KERNELS, eliminated.implicit_equations,
+        eliminated_ida, eliminated.ELIMINATION_KERNELS | LOCKABLE_TANGENT_KERNELS, eliminated.implicit_equations,
         lambda nq, n, m: EliminatedIDAMemory.allocate(nq, n), eliminated.implicit_work,
         eliminated.assemble_eliminated, eliminated.begin_eliminated_ida, eliminated.evaluate_eliminated,
-        eliminated.evaluate_eliminated, False, checks_energy, tree_ida.IDA_KERNELS, ELIMINATED_JUMPS,
+        eliminated.evaluate_eliminated, False, checks_energy, tree_ida.IDA_KERNELS,
+        ELIMINATED_JUMPS._replace(adapt=eliminated.adapt_eliminated_ida, renew=renew_tangent),
         restore=eliminated_ida.restore, close=dense_ida.close, keeps_history_at_jumps=False, balance=no_search,
         structure=Structure(eliminated.implicit_structure_of, eliminated.empty_implicit_structure), uses_tangent=True,
         evaluates_placed=False, formulation=eliminated.formulation_of, steps=IDA_STEPS,

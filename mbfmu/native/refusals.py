@@ -7,7 +7,7 @@ from mbfmu.util.errors import UserError
 from solvers.steppers import drop_unlisted, eliminates_implicitly
 
 from .event_memory import refuse_unsupported
-from .families import ELIMINATED_FAMILIES, FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
+from .families import ELIMINATED_FAMILIES, NATIVE_SOLVERS, TREE_FAMILIES
 from .sundials_files import SUNDIALS_SOLVERS
 
 
@@ -44,5 +44,4 @@ def refuse_model(simulation: Simulation, family: str) -> None:
             f"{', '.join(drop_unlisted(NATIVE_SOLVERS))}",
             "not-native",
         )
-    size = "" if FAMILIES[family].jumps.locks else f"large models with the solver {simulation.solver_choice.solver!r}"
-    refuse_unsupported(simulation.compiled, size)
+    refuse_unsupported(simulation.compiled)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         EquationRecord,
         FrontRecord,
     )
-    from mbfmu.mechanics.records import Arrays, MotionRecord, State
+    from mbfmu.mechanics.records import Arrays, BodyRecord, MotionRecord, State
     from solvers.compiled.record import Reals
 
 ACCELERATION, POSITION, VELOCITY = range(3)  # modes: what is solved for
@@ -82,13 +82,19 @@ def add_messages(front: FrontRecord, own: EliminationArrays, memory: Elimination
             memory.unit[sender.at_rows + row] = values[sender.unit + row]
 
 
+@inlined
+def is_locked(front: FrontRecord, body: BodyRecord) -> bool:
+    """Whether the joint is locked but has a free coordinate (native FMUs), which is a column that moves nothing."""
+    return front.vf >= 0 and body.drive >= 0
+
+
 @kernel
 def add_body(
-    front: FrontRecord, armature: float, here: MotionRecord, state: State, own: EliminationArrays,
+    front: FrontRecord, body: BodyRecord, here: MotionRecord, state: State, own: EliminationArrays,
     memory: EliminationMemory,
 ) -> None:  # fmt: skip
-    """Add inertia and bias of the body, columns from ``n`` on, and the inertia (``armature``) and the forces along the
-    coordinates of its joint.
+    """Add inertia and bias of the body, columns from ``n`` on, and the inertia and the forces along the coordinates of
+    its joint.
     """
     H, g, length, begin = memory.H, memory.g, own.length[0], front.ny - front.nv
     n = front.ny + front.np
@@ -97,12 +103,15 @@ def add_body(
         g[n + i] += unit * here.pA[i]
         for j in range(6):
             H[n + i, n + j] += unit * (length if j < 3 else 1.0) * here.IA[i, j]
+    if is_locked(front, body):
+        H[begin, begin] += 1.0
+        return
     for k in range(front.nv):
         g[begin + k] -= own.size[front.vf + k] * state.Q[front.vi + k]
     if front.is_flexible == 1:
         add_amplitudes(front, state, own, memory)
-    if front.nv > 0 and armature != 0.0:
-        H[begin, begin] += own.size[front.vf] * own.size[front.vf] * armature
+    if front.nv > 0 and body.armature != 0.0:
+        H[begin, begin] += own.size[front.vf] * own.size[front.vf] * body.armature
 
 
 @kernel
@@ -192,13 +201,13 @@ def add_coupling_equation(
         r = here.slope * state.v[coupling.vb] - state.v[coupling.va]
     else:
         r = here.bend * state.v[coupling.vb] * state.v[coupling.vb]
-    if equation.a >= 0:
+    if equation.a >= 0 and coupling.fa >= 0:
         entry = own.size[coupling.fa]
         memory.R[row, begin + equation.a] += entry
         square += entry * entry
     elif mode == ACCELERATION:
         r -= state.a[coupling.va]
-    if equation.b >= 0:
+    if equation.b >= 0 and coupling.fb >= 0:
         entry = -here.slope * own.size[coupling.fb]
         memory.R[row, begin + equation.b] += entry
         square += entry * entry
@@ -213,9 +222,10 @@ def place_joint(
 ) -> None:
     """Fill S of the free coordinates, and the acceleration b of the body where all unknowns are zero, both scaled."""
     length, S, bias = own.length[0], memory.S, memory.bias
+    moves = 0.0 if is_locked(front, arrays.bodies[front.body]) else 1.0
     for c in range(front.ns):
         for k in range(6):
-            S[c, k] = state.S[front.si + c, k] * own.size[front.vf + c] / (length if k < 3 else 1.0)
+            S[c, k] = moves * state.S[front.si + c, k] * own.size[front.vf + c] / (length if k < 3 else 1.0)
     for k in range(6):
         bias[k] = 0.0
     if mode != ACCELERATION:

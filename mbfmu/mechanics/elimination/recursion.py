@@ -75,7 +75,7 @@ def assemble_front(
     clear_front(front.rows, front.ny, front.ny + front.np + 6, memory)
     add_messages(front, own, memory)
     if mode == ACCELERATION:
-        add_body(front, arrays.bodies[front.body].armature, state.bodies[front.body], state, own, memory)
+        add_body(front, arrays.bodies[front.body], state.bodies[front.body], state, own, memory)
     else:
         for c in range(front.nv):
             memory.H[begin + c, begin + c] += 1.0
