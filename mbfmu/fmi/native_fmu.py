@@ -53,7 +53,7 @@ def build_native_fmu(
     platforms: Sequence[str] = (),
     report: Callable[[Diagnostic], None] = lambda _: None,
     for_one_run: bool = False,
-    user_library: Callable[[str, str], bytes] = lambda *_: b"",
+    user_library: Callable[[str, str, bool], bytes] = lambda *_: b"",
 ) -> tuple[dict[str, bytes], Libraries]:
     """Return the files of an FMU that runs by itself, by their names, and its libraries; see :func:`mbfmu.fmi.export`.
 
@@ -83,7 +83,8 @@ def build_native_fmu(
         folder = target.folder if fmi == 2 else name
         places[name] = f"binaries/{folder}/{owner.identifier}{target.suffix}"
         if made.has_user_kernels:
-            loaded[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = user_library(name, made.contents.family)
+            own = user_library(name, made.contents.family, made.has_derivatives)
+            loaded[f"binaries/{folder}/{USER_LIBRARY}{target.suffix}"] = own
         added = libraries(name) if settings.solver in SUNDIALS_SOLVERS else {}
         loaded |= {f"binaries/{folder}/{file}": data for file, data in added.items()}
     content = {

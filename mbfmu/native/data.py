@@ -34,7 +34,7 @@ from solvers.steppers import ORDER_LIMITS
 from . import layout, start_checks
 from .contents import Contents, contents_for
 from .curves import Shifted
-from .entries import Instance, called_in_steps, family_of, has_events, image_of, uses_sundials
+from .entries import Instance, called_in_fmu, family_of, has_events, image_of, uses_sundials
 from .event_memory import event_parameters, refuse_constant_parameters
 from .exchange_states import (
     ExchangeState,
@@ -134,7 +134,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     states, notes = _states(simulation, variables) if not for_one_run else (None, [])
     file = _File(simulation, instance, image, settable, variables, several, states is not None, differentiates)
     messages, family = [*simulation.diagnostics, *notes], family_of(simulation)
-    own = user_kernels(called_in_steps(simulation.compiled, family))
+    own = user_kernels(called_in_fmu(simulation.compiled, family, differentiates))
     inputs, is_steady = simulation.compiled.inputs, simulation.steady_state is not None
     numbers = (relocation.target for relocation in image.kernels)
     contents = contents_for(
@@ -297,7 +297,8 @@ class _File:
         header["family"] = list(FAMILIES).index(family_of(self._simulation))
         header["size"], header["saved"], header["root"] = self._image.size, self._image.saved, self._image.root
         compiled, freedom = self._simulation.compiled, self._simulation.stepper.freedom
-        header["user_kernels"] = len(user_kernels(called_in_steps(compiled, family_of(self._simulation))))
+        called = called_in_fmu(compiled, family_of(self._simulation), self._differentiates)
+        header["user_kernels"] = len(user_kernels(called))
         header["saved_alone"] = self._image.at(self._instance.exchange.times)  # the first of model exchange
         header["exchange"], header["positions"], header["velocities"] = self._exchanges, system.nq, system.n
         header["has_events"] = has_events(compiled)

@@ -11,8 +11,7 @@ du of the inputs (see :mod:`.model_exchange` for P and x')::
 
 The brackets are the recursions of inverse dynamics on a complex state with an imaginary step along the direction; the
 matrices are those of p, factored once for all directions. Motions of supports by inputs are such steps of the driven
-coordinates. Forces and gravity that inputs give are parameters of the recursions. Everything is linear in them, so that
-a symmetric difference is exact except for rounding.
+coordinates. Other inputs are parameters of the recursions, see :mod:`.load_derivatives`.
 
 Off the constraints x and p differ by d = |x - p|, and the derivative of P is that at p: the result has a relative error
 O(d).
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from .exchange_memory import Exchange
 
 CONSTRAINTS, MOTION, OUTPUTS = range(3)  # what is evaluated on complex numbers, each after those before it
+LINEAR_LOAD, NONLINEAR_LOAD = -1, -2  # inputs that move no joint: the equations are linear in them, or may not be
 NOTHING, INPUTS, TIME = range(3)  # what driven coordinates change with: inputs do so at once in model exchange only
 Complex = Any  # an array of complex numbers; the recursions declare real ones
 
@@ -79,7 +79,7 @@ class Linearization(NamedTuple):
     data
         The arrays of the mechanism, with kernels for a complex state, and such a state.
     signals
-        (inputs,) number of the signal of each input that moves joints; -1: another input.
+        (inputs,) number of the signal of each input that moves joints; LINEAR_LOAD or NONLINEAR_LOAD: another input.
     point, q, v, a, lam
         The point: (1,), (nq,), (n,), (n,) accelerations and (m,) multipliers.
     states, inputs
@@ -91,6 +91,8 @@ class Linearization(NamedTuple):
     loads, before, observed, redundant
         (n,) derivative of M a + h + J^T lam by forces that are inputs; (inputs,) their values; (outputs,) and (m,)
         scratch.
+    quotients, previous, estimates, changes
+        (n + outputs,) scratch of :mod:`.load_derivatives`.
     qc, vc, ac, lamc, qdotc, tauc, gaps, rates, residuals, outc
         Complex: state, accelerations, multipliers; then q', M a + h + J^T lam, Phi, J v - nu, J a - gamma, outputs.
     """
@@ -114,6 +116,10 @@ class Linearization(NamedTuple):
     before: Array
     observed: Array
     redundant: Array
+    quotients: Array
+    previous: Array
+    estimates: Array
+    changes: Array
     qc: Complex
     vc: Complex
     ac: Complex
@@ -131,8 +137,9 @@ class Linearization(NamedTuple):
         z, u = np.zeros, len(signals)
         point = z(nq), z(n), z(n), z(m)
         direction = z(nq + n), z(u), z(nq + n), z(outputs), z(n), z(n), z(n), z(m), z(n), z(u), z(outputs), z(m)
+        differences = (z(n + outputs) for _ in range(4))
         steps = (z(count, complex) for count in (nq, n, n, m, nq, n, m, m, m, outputs))
-        return Linearization._make((data, signals, PointRecord.zeros(1), *point, *direction, *steps))
+        return Linearization._make((data, signals, PointRecord.zeros(1), *point, *direction, *differences, *steps))
 
     @staticmethod
     def example(data: Data) -> Linearization:

@@ -42,7 +42,7 @@ from solvers.steppers.step_loop import Integration
 from solvers.system import Array
 
 from . import eliminated
-from .derivatives import Linearization, empty_linearized, to_linearized
+from .derivatives import LINEAR_LOAD, NONLINEAR_LOAD, Linearization, empty_linearized, to_linearized
 from .event_exchange import event_exchange_entries
 from .event_memory import StepBegin, empty_memory, memory_of
 from .event_steps import event_entries
@@ -104,10 +104,12 @@ def family_of(simulation: Simulation) -> str:
     return next((name for name, own in FAMILIES.items() if own.loop is loop), "")
 
 
-def called_in_steps(elements: CompiledMechanism | CompiledElements, family: str) -> list[CalledKernel | None]:
-    """Return the kernels that steps of a family call, those that the structured tangent calls last."""
+def called_in_fmu(
+    elements: CompiledMechanism | CompiledElements, family: str, differentiates: bool
+) -> list[CalledKernel | None]:
+    """Return the kernels that an FMU of a family calls: in steps, by the structured tangent, for derivatives."""
     derived = elements.called(TANGENT_NUMBERS) if FAMILIES[family].uses_tangent else []
-    return [*elements.called(), *derived]
+    return [*elements.called(), *derived, *(elements.called(LINEARIZED) if differentiates else [])]
 
 
 def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
@@ -156,7 +158,8 @@ def linearization_of(simulation: Simulation) -> Linearization:
     compiled, system = simulation.compiled, simulation.compiled.system
     data = pin(to_linearized(compiled.data, np.zeros_like(compiled.data.arrays.kernels)))
     inputs = compiled.inputs
-    signals = np.full(len(inputs), -1)
+    signals = np.full(len(inputs), LINEAR_LOAD)
+    signals[compiled.nonlinear_inputs()] = NONLINEAR_LOAD
     for signal, (_, coefficients, _) in inputs.supports().items():
         signals[[inputs.number(signal, k) for k in coefficients]] = signal
     return Linearization.allocate(data, signals, system.nq, system.n, system.m, len(simulation.variables))
@@ -193,7 +196,7 @@ def _kernel_tables(
     compiled: CompiledMechanism, instance: Instance, family: str, differentiates: bool
 ) -> list[tuple[NDArray[np.int64], Sequence[int]]]:
     """Return the tables of addresses of kernels, with the numbers of these kernels in the runtime."""
-    known, arrays = numbers_in_fmu(called_in_steps(compiled, family)), compiled.data.arrays
+    known, arrays = numbers_in_fmu(called_in_fmu(compiled, family, differentiates)), compiled.data.arrays
     tables: list[tuple[NDArray[np.int64], Sequence[int]]] = [(arrays.kernels, kernel_numbers(compiled.called(), known))]
     if FAMILIES[family].uses_tangent:
         table = unpin(unpin(instance.given.eqs.tangent).arrays).kernels

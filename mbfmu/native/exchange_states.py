@@ -11,7 +11,7 @@ import numpy as np
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
 from mbfmu.mechanics.arrays.numbering import lockable_joints, states_of
-from mbfmu.mechanics.arrays.tables import has_state
+from mbfmu.mechanics.arrays.tables import CalledKernel, has_state
 from mbfmu.mechanics.events import SetInput
 from mbfmu.mechanics.kind import ElementType, kernel_of
 from mbfmu.mechanics.sensors import Follows
@@ -95,8 +95,12 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
 
 
 def describe_real_kernels(compiled: CompiledMechanism) -> str:
-    """Return which elements have kernels of a model for real numbers only; empty: there are none."""
-    real = {own.function for own in user_kernels(compiled.called()) if has_state(own.signature, own.words)}
+    """Return which elements have kernels of a model for real numbers only; empty: there are none.
+
+    Kernels that mbfmu makes of functions and expressions are compiled for a complex state, too.
+    """
+    called = user_kernels(compiled.called())
+    real = {own.function for own in called if has_state(own.signature, own.words) and _is_written_by_user(own)}
     if not real:
         return ""
     m = compiled.mechanism
@@ -109,10 +113,12 @@ def describe_real_kernels(compiled: CompiledMechanism) -> str:
     ]
     for what, element in elements:
         if not real.isdisjoint(kernel_of(element, name) for name in element.kernels):
-            shipped = type(element).__module__.startswith("mbfmu.")
-            law = "is a function or an expression" if shipped else f"is a user-defined {type(element).__name__}"
-            return f"{what} {law}, whose kernels in native FMUs are of real numbers only"
-    return "an expression or a user-defined sensor in a law or an event has kernels of real numbers only in native FMUs"
+            return f"{what} is a user-defined {type(element).__name__}, whose kernels are of real numbers only"
+    return "a user-defined sensor in a law or an event has kernels of real numbers only"
+
+
+def _is_written_by_user(called: CalledKernel) -> bool:
+    return not called.function.__module__.startswith("mbfmu.")
 
 
 def list_constant_inputs(simulation: Simulation) -> list[str]:

@@ -22,12 +22,6 @@ def refuse_model(simulation: Simulation, family: str) -> None:
             f"{system.nonsmooth_reason}; use 'esdirk', or export it with --python",
             "not-native",
         )
-    if system.n_states and simulation.steady_state is not None:
-        raise UserError(
-            f"native FMUs do not start in the steady state of a model with first-order states, such as "
-            f"{system.coordinate_names[-1]!r}; set start_at_equilibrium to false, or export it with --python",
-            "not-native",
-        )
     is_large = not system.has_matrices or eliminates_implicitly(simulation.solver_choice.solver, system)
     if is_large and family not in (ELIMINATED_FAMILIES if system.m else TREE_FAMILIES):
         implicit = "'adams', 'hybrid' and 'ida'" if eliminates_implicitly("ida", system) else "'adams' and 'hybrid'"

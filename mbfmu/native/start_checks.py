@@ -71,7 +71,7 @@ START_MESSAGES = {
     Flaw.NO_STEADY_STATE: Diagnostic.error(
         "no-steady-state",
         "no steady state was found for the values that are set: at the end of the search {name!r} has an unbalanced "
-        "force or moment of {gap:.3g} N or N m",
+        "force or moment of {gap:.3g} N or N m, or this rate if it is a first-order state",
         STEADY_ADVICE,
     ),
     Flaw.NOT_UNIQUE: Diagnostic.error(
@@ -83,7 +83,7 @@ START_MESSAGES = {
     Flaw.NOT_STEADY: Diagnostic.error(
         "no-steady-state",
         "there is no steady state for the values that are set: after the drives have moved, {name!r} has an unbalanced "
-        "force or moment of {gap:.3g} N or N m",
+        "force or moment of {gap:.3g} N or N m, or this rate if it is a first-order state",
         STEADY_ADVICE,
     ),
     Flaw.FAR_STATE: Diagnostic.error(

@@ -11,6 +11,7 @@ from mbfmu.steady.supports import Supports
 from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.differences import MIN_PIVOT_RATIO, SteadyScratch
 from solvers.statics.newton import Outcome, Solution
+from solvers.statics.states import hold_states, with_states_as_positions
 from solvers.steppers import eliminates_constraints, eliminates_implicitly, uses_recursions
 
 from .steady_start import SteadyStart
@@ -22,7 +23,8 @@ def steady_start(simulation: Simulation) -> SteadyStart:
     if found is None or not _uses_matrices(simulation):
         return SteadyStart.empty()
     system, drives = compiled.system, compiled.drives
-    search = SteadyScratch.allocate(system.nq, system.size, system.row_size[found.rows], found.rows, found.cyclic)
+    sizes_of_rows, can_hold = system.row_size[found.rows], np.asarray(system.held_states, bool)
+    search = SteadyScratch.allocate(system.nq, system.size, sizes_of_rows, found.rows, found.cyclic, can_hold)
     terms = system.allocate_terms()
     system.fill(0.0, found.q, found.v, terms)
     scaled = terms.J[found.rows] * system.size / search.newton.row[:, np.newaxis]
@@ -65,6 +67,8 @@ def explain_missing_search(simulation: Simulation) -> str:
         return f"{text}couplings determine rates of the steady state"
     if len(compiled.system.nonholonomic):
         return f"{text}the model has wheels that roll without slip"
+    if compiled.mechanism.sampled:
+        return f"{text}the model has sampled blocks"
     if Supports(compiled, finishes=False).beginnings():
         return f"{text}the motion of supports to their start positions may have to be followed"
     supports = compiled.inputs.supports()
@@ -80,24 +84,29 @@ def explain_missing_search(simulation: Simulation) -> str:
 def _explain_state(found: Equilibrium) -> str:
     """Return why a search in the FMU could end in another state, or would not accept this one; empty: neither."""
     compiled, system = found.compiled, found.compiled.system
-    solver = DenseEquilibriumSolver(compiled.complex_system(), 0.0, found.q, found.v)
+    plain, v = compiled.complex_system(), found.v.copy()
+    extended, at = with_states_as_positions(plain, 0.0, found.q, found.v[system.n_velocities :])
+    if system.n_states:
+        hold_states(extended, plain, 0.0, found.q, found.v)
+    v[system.n_velocities :] = 0.0
+    solver = DenseEquilibriumSolver(extended, 0.0, at, v, system.n_states)
     if len(solver.rows) != len(found.rows):
         return "it is a singular configuration"
     terms, n = system.allocate_terms(), system.n
     system.fill(0.0, found.q, found.v, terms)
-    K = solver.jacobian(0.0, found.q, np.linalg.lstsq(terms.J[solver.rows].T, -terms.h, rcond=None)[0])
+    K = solver.jacobian(0.0, at, np.linalg.lstsq(terms.J[solver.rows].T, -terms.h, rcond=None)[0])
     K[:n, :n] /= float(np.abs(K[:n, :n]).max(initial=0.0)) or 1.0
     free = np.concatenate([~found.cyclic, np.ones(len(K) - n, bool)])
     sigma = np.linalg.svd(K[:, free], compute_uv=False)
     if sigma.min(initial=np.inf) <= MIN_PIVOT_RATIO * sigma.max(initial=0.0):
         return "there are other steady states next to it"
     fastest = max(compiled.drives.rates(), default=0.0)
-    forces, gaps = solver.residual(0.0, found.q, found.lam)
-    solution = Solution(outcome=Outcome.FOUND, q=found.q, lam=found.lam, iterations=0, forces=forces, gaps=gaps)
+    forces, gaps = solver.residual(0.0, at, found.lam)
+    solution = Solution(outcome=Outcome.FOUND, q=at, lam=found.lam, iterations=0, forces=forces, gaps=gaps)
     small = STEADY_TOLERANCE * stiffness(compiled, solver, solution)
     for turn in CHECKED_DRIVE_POSITIONS if fastest else ():
-        q = found.q.copy()
-        system.apply(q, turn / fastest * found.v)
+        q = at.copy()
+        system.apply(q, turn / fastest * v)
         change = solver.residual(turn / fastest, q, found.lam)[0] - forces
         if np.abs(change * system.size).max(initial=0.0) > small:
             return "the forces of loop-closing joints turn with the drive"

@@ -14,7 +14,14 @@ from mbfmu.mechanics.dispatch import signal
 from mbfmu.steady.checks import CHECKED_DRIVE_POSITIONS, CLOSED_TOLERANCE, STEADY_TOLERANCE, STIFFNESS_STEP
 from solvers.compiled.kernel import kernel
 from solvers.loop_closure import ASSEMBLED, OPEN, OPENS, find_closed_positions
-from solvers.statics.differences import TOO_FAR, SteadyScratch, find_farthest, find_steady_state
+from solvers.statics.differences import (
+    TOO_FAR,
+    SteadyScratch,
+    find_farthest,
+    find_steady_state,
+    weigh_states,
+    weighted_rate,
+)
 from solvers.statics.newton import FOUND, UNDETERMINED
 from solvers.system import Array
 
@@ -44,7 +51,7 @@ class SteadyStart(NamedTuple):
     def empty() -> SteadyStart:
         """Return that a run does not start in a steady state."""
         z, none = np.zeros, np.zeros(0, np.int64)
-        search = SteadyScratch.allocate(0, z(0), z(0), none, np.zeros(0, bool))
+        search = SteadyScratch.allocate(0, z(0), z(0), none, np.zeros(0, bool), np.zeros(0, bool))
         return SteadyStart.allocate(0, 0, search, none, z(0))
 
 
@@ -66,19 +73,24 @@ def find_start_in_steady_state(instance: Any) -> int:
         code = find_turned(instance, work.worst[0])
     if code != ASSEMBLED:
         return code
-    for i in range(steady.v.shape[0]):
+    n = steady.v.shape[0]
+    moving = n - search.newton.weights.shape[0]
+    for i in range(n):
         search.newton.size[i] = work.size[i]
-        steady.v[i] = start.v[i] if search.newton.cyclic[i] == 1 else 0.0
+        steady.v[i] = start.v[i] if search.newton.cyclic[i] == 1 or i >= moving else 0.0
         search.newton.v[i], problem.v[i] = steady.v[i], steady.v[i]
     for r in range(search.rows.shape[0]):
         search.newton.row[r] = work.row[search.rows[r]]
     code = find_misplaced(instance, 0.0)
     if code != ASSEMBLED:
         return code
+    weigh_states(eqs, 0.0, problem.q, instance.known[0], search)
     outcome = find_steady_state(eqs, 0.0, problem.q, search)
+    for i in range(moving, n):
+        steady.v[i], problem.v[i] = search.newton.v[i], search.newton.v[i]
     fill_balance(eqs, 0.0, problem.q, steady, steady.forces, steady.gaps)
     if outcome == TOO_FAR:
-        farthest = find_farthest(search.newton.moved, work.size)
+        farthest = find_farthest(search.newton.moved, work.size, moving)
         work.worst[0].row, work.worst[0].gap = farthest, abs(search.newton.moved[farthest])
         return FAR_STATE
     if outcome != FOUND:
@@ -94,7 +106,9 @@ def find_start_in_steady_state(instance: Any) -> int:
 
 @kernel
 def fill_balance(eqs: Any, t: float, q: Any, steady: SteadyStart, forces: Any, gaps: Any) -> None:
-    """forces (n,) = h + J^T lambda and gaps (m,) = Phi at q, by the multipliers of the search."""
+    """forces (n,) = h + J^T lambda and gaps (m,) = Phi at q, by the multipliers of the search; the equations of
+    first-order states are weighted as in the search.
+    """
     search, terms = steady.search, eqs.terms
     for r in range(steady.lam.shape[0]):
         steady.lam[r] = 0.0
@@ -105,17 +119,23 @@ def fill_balance(eqs: Any, t: float, q: Any, steady: SteadyStart, forces: Any, g
         forces[i] = terms.h[i]
         for r in range(steady.lam.shape[0]):
             forces[i] += terms.J[r, i] * steady.lam[r]
+        forces[i] = weighted_rate(i, forces[i], search.newton)
     for r in range(gaps.shape[0]):
         gaps[r] = terms.Phi[r]
 
 
 @kernel
 def note_largest(forces: Any, steady: SteadyStart, work: Any) -> float:
-    """Note the coordinate with the largest of these forces (n,) as the worst; return it in units of the energy."""
-    worst, largest = work.worst[0], -1.0
+    """Note the coordinate with the largest of these forces (n,), or the first-order state with its rate, as the worst;
+    return it in units of the energy.
+    """
+    worst, largest, weights = work.worst[0], -1.0, steady.search.newton.weights
+    moving = forces.shape[0] - weights.shape[0]
     for i in range(forces.shape[0]):
         if not abs(forces[i]) * work.size[i] <= largest:
             largest, worst.row, worst.gap = abs(forces[i]) * work.size[i], i, abs(forces[i])
+    if worst.row >= moving:
+        worst.gap /= weights[worst.row - moving]
     return largest
 
 
@@ -141,7 +161,7 @@ def check_closed(eqs: Any, q: Any, steady: SteadyStart, work: Any, fastest: floa
     if not largest <= CLOSED_TOLERANCE:
         return OPEN
     largest = 0.0
-    for i in range(steady.v.shape[0]):
+    for i in range(steady.v.shape[0] - steady.search.newton.weights.shape[0]):
         rates = max(rates, abs(steady.v[i]) / work.size[i])
     for r in range(steady.gaps.shape[0]):
         opening = -terms.nu[r]
@@ -160,13 +180,14 @@ def check_moved(eqs: Any, q: Any, steady: SteadyStart, work: Any) -> int:
     body; a model for which they change at the export is not searched in the FMU.
     """
     fastest, n = fastest_drive(eqs.data.arrays, steady), steady.v.shape[0]
+    moving = n - steady.search.newton.weights.shape[0]
     if not fastest > 0.0:
         return ASSEMBLED
     small = STEADY_TOLERANCE * find_stiffness(eqs, q, steady, work)
     for turn in CHECKED_DRIVE_POSITIONS:
         t = turn / fastest
         for i in range(n):
-            steady.dq[i] = t * steady.v[i]
+            steady.dq[i] = t * steady.v[i] if i < moving else 0.0
         move(eqs, q, steady)
         fill_balance(eqs, t, steady.q, steady, steady.dq, work.gaps)
         for i in range(n):
@@ -192,9 +213,12 @@ def move(eqs: Any, q: Any, steady: SteadyStart) -> None:
 def find_stiffness(eqs: Any, q: Any, steady: SteadyStart, work: Any) -> float:
     """Return what forces change by, times units, if coordinates change by about their units, J: as
     :func:`mbfmu.steady.checks.stiffness`, with other factors between -1 and 1.
+    First-order states do not change.
     """
-    largest = 0.0
+    largest, moving = 0.0, steady.v.shape[0] - steady.search.newton.weights.shape[0]
     for i in range(steady.v.shape[0]):
+        steady.dq[i] = 0.0
+    for i in range(moving):
         steady.dq[i] = STIFFNESS_STEP * work.size[i] * np.cos(1.0 + 2.0 * i)
     move(eqs, q, steady)
     fill_balance(eqs, 0.0, steady.q, steady, steady.dq, work.gaps)

@@ -1,5 +1,5 @@
-"""``python -m mbfmu.native.user_kernels SCENE FOLDER TARGET FAMILY``: the user-defined kernels of a model as an object
-file.
+"""``python -m mbfmu.native.user_kernels SCENE FOLDER TARGET FAMILY DERIVATIVES``: the user-defined kernels of a model
+as an object file; DERIVATIVES is 1 if it contains those for derivatives.
 
 Kernels of user-defined elements, and functions of time and laws of forces that a model defines in Python, are not in
 the runtime, which is the same for all models. They are compiled into a library of the FMU, which the runtime loads
@@ -29,7 +29,7 @@ from solvers.compiled.aot import emit_object, link_module
 from solvers.compiled.fingerprint import fingerprint_of_function
 from solvers.compiled.indirect_call import record_type
 
-from .entries import called_in_steps
+from .entries import called_in_fmu
 from .kernel_table import USER_LIBRARY, USER_TABLE_SYMBOL, user_kernels
 from .runtime import compiler, link_arguments
 from .targets import TARGETS
@@ -43,8 +43,9 @@ def fingerprints(called: Iterable[CalledKernel | None]) -> list[str]:
     return [fingerprint_of_function(own.function) for own in user_kernels(called)]
 
 
-def user_library(scene: Scene, target: str, family: str) -> bytes:
-    """Return the library of the user-defined kernels that a family calls for a scene's model, for a target.
+def user_library(scene: Scene, target: str, family: str, differentiates: bool) -> bytes:
+    """Return the library of the user-defined kernels that a family calls for a scene's model, for a target; with those
+    of a complex state if the FMU ``differentiates``.
 
     Raises
     ------
@@ -66,6 +67,7 @@ def user_library(scene: Scene, target: str, family: str) -> bytes:
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         }
         command = [sys.executable, "-P", "-m", "mbfmu.native.user_kernels", str(file), work, target, family]
+        command.append(str(int(differentiates)))
         code, errors = run_program(command, own)
         if code:
             raise UserError(f"the user-defined kernels of model {scene.model.name!r}: {_last(errors)}", "not-native")
@@ -92,23 +94,20 @@ def _last(lines: list[str]) -> str:
     return "; ".join(lines[-MAX_ERROR_LINES:])
 
 
-def kernels_of(scene: Scene, family: str) -> tuple[CalledKernel, ...]:
+def kernels_of(scene: Scene, family: str, differentiates: bool) -> tuple[CalledKernel, ...]:
     """Return the user-defined kernels that a family calls for a scene's model; its elements are laid out, nothing else
     is compiled.
     """
     mechanism: Any = scene.model.build()
-    return user_kernels(
-        called_in_steps(
-            CompiledElements(mechanism, Numbering(mechanism, given_for(scene.model.replaced_inputs))), family
-        )
-    )
+    elements = CompiledElements(mechanism, Numbering(mechanism, given_for(scene.model.replaced_inputs)))
+    return user_kernels(called_in_fmu(elements, family, differentiates))
 
 
-def main(scene_file: str, folder: str, name: str, family: str) -> int:
+def main(scene_file: str, folder: str, name: str, family: str, differentiates: bool) -> int:
     """Write the object file; return the exit code: 2 if a kernel cannot be compiled."""
     try:
         found, numbered = {}, []
-        for i, called in enumerate(kernels_of(read_scene(Path(scene_file)), family)):
+        for i, called in enumerate(kernels_of(read_scene(Path(scene_file)), family, differentiates)):
             words, returned = types_of(called)
             arguments = record_type(called.record), *words
             called.function.compile(returned(*arguments))
@@ -124,4 +123,4 @@ def main(scene_file: str, folder: str, name: str, family: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4]))
+    sys.exit(main(sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4], sys.argv[5] == "1"))

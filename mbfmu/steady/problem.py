@@ -90,7 +90,7 @@ class EquilibriumProblem:
             self._v = self._steady_velocities()
             self._extended, at = with_states_as_positions(self._complex, 0.0, general, self._z)
             self._hold_states()
-            self._solver = DenseEquilibriumSolver(self._extended, 0.0, at, self._v)
+            self._solver = DenseEquilibriumSolver(self._extended, 0.0, at, self._v, compiled.system.n_states)
             self._solver.run_trial(self._with_states(self._start))
             supports.add_complex_copy(data.arrays, compiled.signals(data))
         self.signals = compiled.signals(data)

@@ -84,6 +84,10 @@ class NewtonScratch(NamedTuple):
     ahead: Array  # (N,) f at a neighbor, for differences; else empty
     cyclic: NDArray[np.int64]  # (n,) 1: all differences along the coordinate are zero; else empty
     nonholonomic: NDArray[np.int64]  # (k,) places of nonholonomic rows among the independent ones
+    # of first-order states that are positions, see :mod:`.differences`; else empty
+    weights: Array  # (k,) of their equations
+    holding: Array  # (k,) weights of z - z0 = 0 for those that keep their start value; zero: others
+    held_values: Array  # (k,) z0
 
     @staticmethod
     def allocate(nq: int, size: Array, row: Array, nonholonomic: NDArray[np.int64] | None = None) -> NewtonScratch:
@@ -97,7 +101,7 @@ class NewtonScratch(NamedTuple):
             size, row, np.ones(1), z(nq, complex), z(n, complex), z(n, complex), z(nq), z(rank), z(n), z(n), z(N),
             z((N, N)), z(N), z(N), z((N, N)), z(N, np.int64), z(N, np.int64), z(1, np.int64), z((rank, n)),
             z((n, rank)), z(rank, np.int64), z((n, n)), z(rank), z((rank, rank)), z(0), z(0, np.int64),
-            rows,
+            rows, z(0), z(0), z(0),
         )  # fmt: skip
 
 
@@ -345,11 +349,13 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         ones. If a row is zero there too, the mechanism cannot leave a singular configuration.
     v
         Velocities (n,) of the steady motion: zero but for cyclic coordinates.
+    n_states
+        Number of first-order states among the positions, which come last.
     """
 
-    def __init__(self, system: System, t: float, q: Array, v: Array) -> None:
+    def __init__(self, system: System, t: float, q: Array, v: Array, n_states: int = 0) -> None:
         super().__init__(system)
-        self.system = system
+        self.system, self._n_moving = system, system.n - n_states
         self._terms = system.allocate_terms(complex)
         self._eqs = Equations.of(system, self._terms)
         self.rows = self._independent_rows(t, q)
@@ -422,7 +428,8 @@ class DenseEquilibriumSolver(EquilibriumSolver):
         return outcome, found, self._moved.copy(), int(report[0])
 
     def _is_far_from_start(self, moved: Array) -> bool:
-        return bool(np.abs(moved / self._size).max(initial=0.0) > MAX_STATE_DISTANCE)
+        far = np.abs(moved / self._size)[: self._n_moving]
+        return bool(far.max(initial=0.0) > MAX_STATE_DISTANCE)
 
     def _all_multipliers(self, lam: Array) -> Array:
         full = np.zeros(self.system.m)

@@ -15,7 +15,9 @@ from scipy.integrate import solve_ivp
 
 import mbfmu as mb
 from mbfmu.fmi.export import export
-from mbfmu.util.errors import UserError
+from mbfmu.modeling.model import as_model
+from mbfmu.native.steady_export import explain_missing_search
+from mbfmu.session.simulation import Simulation
 
 needs_compiler = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
 SETTINGS = mb.Settings(solver="adams", tolerance=1e-8)
@@ -109,8 +111,36 @@ def test_fmu_that_calls_python_moves_as_computed_by_scipy(tmp_path: Path) -> Non
     assert found["reading"] == pytest.approx(ControlledRod(first=0.1).motion(found["time"])[2], abs=2e-7)
 
 
-@needs_compiler
-def test_steady_start_of_a_native_fmu_is_refused(tmp_path: Path) -> None:
-    settings = mb.Settings(solver="adams", start_at_equilibrium=True)
-    with pytest.raises(UserError, match="steady state of a model with first-order states"):
-        export(ControlledRod(), tmp_path / "rod.fmu", settings, native=True)
+def held_mass(stiffness: float) -> mb.Mechanism:
+    """A mass of 2 kg on a vertical guide with friction, and on a spring."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    mass = m.body("mass", m.ground, mb.Translational(axis="y", nominal=1.0), mass=2.0)
+    m.force("guide", mb.JointFriction(coulomb=30.0), mass)
+    m.force("spring", mb.JointSpring(stiffness=stiffness), mass)
+    return m
+
+
+def sampled_cart() -> mb.Mechanism:
+    """A cart that a digital controller holds."""
+    m = mb.Mechanism()
+    cart = m.body("cart", m.ground, mb.Translational(axis="x", nominal=1.0), mass=2.0)
+    m.force("spring", mb.JointSpring(stiffness=5.0, damping=5.0), cart)
+    none: dict[str, Any] = {"A": [[0]], "B": [[0, 0]], "C": [[0]]}
+    control = m.sampled_system("control", [1.5, cart.coordinate()], period=0.05, **none, D=[[3, -3]])
+    m.force("motor", mb.JointForce(control.value()), cart)
+    return m
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "reason"),
+    [
+        (held_mass(500.0), ""),  # the guide does not slip, and exerts no force in the state that is found
+        (held_mass(0.0), "it was found by a continuation only"),  # its friction holds the mass
+        (sampled_cart(), "the model has sampled blocks"),
+    ],
+)
+def test_the_fmu_searches_steady_states_unless_there_is_a_reason(mechanism: mb.Mechanism, reason: str) -> None:
+    settings = mb.Settings(solver="radau", start_at_equilibrium=True)
+    found = explain_missing_search(Simulation(as_model(mechanism), settings))
+    assert found.endswith(reason)
+    assert bool(found) == bool(reason)

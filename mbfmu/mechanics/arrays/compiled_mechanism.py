@@ -211,6 +211,12 @@ class CompiledMechanism:
             for _, sensor, *_ in self.mechanism.outputs
         ]
 
+    def nonlinear_inputs(self) -> list[int]:
+        """Return the numbers of the inputs in which the equations of motion or the outputs are not known to be linear,
+        such as arguments of laws and normal forces of frictions; none that move joints.
+        """
+        return self.inputs.of_loads(SignalDependence(self.mechanism, self._elements).nonlinear_signals())
+
     @property
     def has_force_outputs(self) -> bool:
         """Whether some output is a force, a moment or a generalized force."""

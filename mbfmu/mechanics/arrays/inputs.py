@@ -200,6 +200,11 @@ class Inputs:
         """Return the numbers of the inputs that are the position of a driven coordinate."""
         return [k for k, slot in enumerate(self._slots) if self.moves_support(k) and not slot.coefficient]
 
+    def of_loads(self, signals: Set[int]) -> list[int]:
+        """Return the numbers of the inputs that are values of these signals, and not the motion of a joint."""
+        slots = enumerate(self._slots)
+        return [k for k, s in slots if s.signal in signals and not s.coefficient and not self.moves_support(k)]
+
     def changes(self, index: int, follows: Follows, signals: Set[int] | None = None) -> bool:
         """Whether an input changes, at the moment it is set, what follows so: a support and a rate take a step.
 

@@ -31,7 +31,6 @@ class SignalDependence:
         numbers = sensor.loads()
         if numbers is None or not all(type(self._loads[k]).__module__.startswith(OWN_PACKAGE) for k in numbers):
             return None
-        found: set[int] = set()
         waiting = [signal for k in numbers for signal in self._of_loads[k]]
         parts, more = set[int](), [part for k in numbers for part in self._parts_of_loads[k]]
         for own, other in enumerate(self._sensors):
@@ -44,6 +43,18 @@ class SignalDependence:
                 parts.add(part)
                 waiting += self._of_parts[part]
                 more += self._parts_of_parts[part]
+        return self._with_members(waiting)
+
+    def nonlinear_signals(self) -> Set[int]:
+        """Return the numbers of the signals in which loads, sensors or blocks are not known to be linear."""
+        both = zip(self._loads, self._of_loads, strict=True)
+        waiting = [number for load, used in both if not load.is_linear_in_signals for number in used]
+        waiting += [number for used in (*self._of_sensors, *self._of_parts) for number in used]
+        return self._with_members(waiting)
+
+    def _with_members(self, waiting: list[int]) -> Set[int]:
+        """Return signals with those that they contain."""
+        found: set[int] = set()
         while waiting:
             signal = waiting.pop()
             if signal not in found:

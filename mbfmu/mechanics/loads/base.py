@@ -182,6 +182,8 @@ class Load(ElementType):
     drawn: ClassVar[str] = ""  # how pictures show it: one of these; a coil is between its points, or along its joint
     symmetric: ClassVar[bool] = True  # its tangent is, so nearly that who takes it to be so is corrected soon
     on_joint: ClassVar[bool] = False  # acts along the coordinate of the first body's joint, not on bodies
+    # what it applies is linear in the signals it uses; derivatives by other inputs are differences over short steps
+    is_linear_in_signals: ClassVar[bool] = False
     n_bodies: ClassVar[int | None] = None  # how many different bodies it acts on; None: any number
     title: ClassVar[str] = "an element"  # as messages call one that the mechanism gives no name
     nonsmooth_reason: ClassVar[str] = ""  # why its force changes sharply within the tolerance; empty: it does not

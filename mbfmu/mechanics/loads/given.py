@@ -40,6 +40,7 @@ class GivenForce(Force):
     """
 
     law_quantities: ClassVar[Mapping[str, int]] = {"t": TIME}
+    is_linear_in_signals: ClassVar[bool] = True
     law_record: ClassVar[RecordType]
     kernels_of_law: ClassVar[Any]
 
@@ -61,6 +62,7 @@ class GivenForce(Force):
             found = QuantityLaw(title, "magnitude", self.law_quantities, {"magnitude": self.magnitude})
         object.__setattr__(self, "_law", found)
         object.__setattr__(self, "record", self.law_record)
+        object.__setattr__(self, "is_linear_in_signals", False)
         for name, function in zip(
             ("apply", "power"), kernel_of(self, "kernels_of_law")(found.value_kernel()), strict=True
         ):

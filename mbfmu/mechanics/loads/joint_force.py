@@ -127,6 +127,7 @@ class JointForce(Force):
 
     record = JointForceRecord
     on_joint = True
+    is_linear_in_signals = True
     apply = apply
     power = power
     variants = (JointQuantityForce,)
@@ -147,6 +148,7 @@ class JointForce(Force):
             law_of_all = QuantityLaw("magnitude of a JointForce", self.magnitude, FORCE_QUANTITIES, self.uses)
             object.__setattr__(self, "_law", law_of_all)
             object.__setattr__(self, "record", JointLawRecord)
+            object.__setattr__(self, "is_linear_in_signals", False)
             for name, function in zip(("apply", "power"), kernels_of_law(law_of_all.value_kernel()), strict=True):
                 object.__setattr__(self, name, function)
         elif self._is_law():

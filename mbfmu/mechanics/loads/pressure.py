@@ -108,6 +108,7 @@ class Pressure(Load):
     """Pressure of ``magnitude`` (Pa: number, signal or input) along y of a flat face."""
 
     record = PressureRecord
+    is_linear_in_signals = True
     apply = apply
     power = power
     tangent = tangent
