@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from sketches import forces, friction, joints  # noqa: F401 they register their pictures
+from sketches import blocks, forces, friction, joints  # noqa: F401 they register their pictures
 from sketches.sketch import PICTURES
 
 FOLDER = Path(__file__).parent / "figures" / "elements"

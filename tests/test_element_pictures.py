@@ -23,12 +23,18 @@ ELEMENTS = {
     for package in (mechanics, sheets)
     for name, item in vars(package).items()
     if name in package.__all__ and inspect.isclass(item) and issubclass(item, BASES) and item not in BASES
-} | {"Plate", "Shell", "pressure", "nip", "rope"}
+} | {"Plate", "Shell", "pressure", "nip", "rope", "armature"}
+BLOCKS = {  # methods of a mechanism
+    "state", "lag", "transfer_function", "state_space", "limiter", "weighted_sum", "pid", "dc_motor", "sample_hold",
+    "sampled_system",
+}  # fmt: skip
+ELEMENTS |= BLOCKS
 
 
 def test_every_element_has_a_picture_on_the_page() -> None:
     page = (ROOT / "docs" / "kinds.md").read_text()
     assert len(ELEMENTS) > 35
+    assert all(callable(getattr(mechanics.Mechanism, name)) for name in BLOCKS)
     assert set(PICTURES) == ELEMENTS
     assert sorted(re.findall(r"figures/elements/(\w+)\.png", page)) == sorted(ELEMENTS)
     assert {path.stem for path in FOLDER.iterdir()} == ELEMENTS
