@@ -23,6 +23,7 @@ from mbfmu.session.kernels.event_points import (
     note_sides,
     side_of,
 )
+from mbfmu.session.kernels.points import account_discontinuity, energy_at
 from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.outcome import OK
 
@@ -140,8 +141,12 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
 
     @jit_uncached
     def let_jump(instance: Any) -> None:
+        """Let the velocities jump by ``dv``; the change of the energy is work of an impulse."""
+        session, t, q, v = instance.session, instance.clock[0], instance.q, instance.v
+        before = energy_at(session, t, q, v)
         for i in range(instance.dv.shape[0]):
-            instance.v[i] += instance.dv[i]
+            v[i] += instance.dv[i]
+        account_discontinuity(session, before, t, q, v)
 
     @jit_uncached
     def execute(instance: Any, row: int) -> int:

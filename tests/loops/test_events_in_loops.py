@@ -73,6 +73,7 @@ def test_a_native_fmu_of_the_row_bounces_and_is_kicked(solver: str, tmp_path: Pa
         found = simulate_fmu(str(path), stop_time=stop, output_interval=stop / 4, **how)
         assert found["angle"][-1] == pytest.approx(0.5 * np.pi + 1e-3 * last_rate, abs=5e-6)
         assert found["rate"][-1] == pytest.approx(last_rate, abs=2e-5)
+        assert abs(found["energy_error"][-1]) <= 1e-5 * WEIGHT
 
 
 def parallelogram(angle: float, then: str) -> mb.Mechanism:
