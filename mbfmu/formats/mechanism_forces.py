@@ -44,7 +44,7 @@ def add_forces(described: Described) -> None:
         if acting.name in described.limiters:
             continue
         described.losses.add("blocks", acting.name or acting.what)
-    for event in m.events:
+    for event in (own for own in m.events if own.is_listed):
         described.losses.add("events", event.name)
 
 

@@ -179,6 +179,8 @@ class Event:
     lasts
         Time for which the quantity must remain beyond the value, s, before the event occurs; 0: it occurs at the
         crossing.
+    is_listed
+        Whether the list of the events that have occurred contains it; otherwise it belongs to an element.
     """
 
     name: str
@@ -189,6 +191,7 @@ class Event:
     time: float = 0.0
     within: float | None = None
     lasts: float = 0.0
+    is_listed: bool = True
 
     @property
     def restarts(self) -> bool:

@@ -260,7 +260,7 @@ class RunEvents:
         self._bounce(rested, found)
         self.stop = self.stop or self._resting.hold_resting(hit)
         after, t = self._search.sensor_values(), run.stepper.t
-        for event in found:
+        for event in (own for own in found if own.is_listed):
             if event.sensor is None:
                 self.records.append(EventRecord(event.name, t, "", np.nan, np.nan))
             else:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.mechanics.arrays.given_inputs import GivenInputs
 from mbfmu.mechanics.builder.arrangement import arrange
+from mbfmu.mechanics.builder.short_forces import declare_short_forces
 from mbfmu.modeling.model import MechanismModel, Model
 from mbfmu.modeling.settings import Settings
 from mbfmu.steady.state import Equilibrium
@@ -163,6 +164,7 @@ def take_start(model: Model, settings: Settings, given_inputs: GivenInputs, time
     # of a mechanism that others may change, another one with the same content is not used
     owner = id(mechanism) if mechanism.compiled or isinstance(model, MechanismModel) else None
     if not mechanism.compiled:
+        declare_short_forces(mechanism)
         arrange(mechanism)
     mechanism.compiled = True
     content, key = fingerprint_of(mechanism), None

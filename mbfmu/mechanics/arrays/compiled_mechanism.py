@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.arrangement import arrange
 from mbfmu.mechanics.builder.mechanism import Mechanism
+from mbfmu.mechanics.builder.short_forces import declare_short_forces
 from mbfmu.mechanics.elimination import EliminatedLoops
 from mbfmu.mechanics.kind import ElementType
 from mbfmu.mechanics.records import Arrays, Data, ItemRecord
@@ -88,6 +89,7 @@ class CompiledMechanism:
         if len(mechanism.bodies) == 1:
             raise UserError("the mechanism has no bodies; add at least one with Mechanism.body")
         if not mechanism.compiled:
+            declare_short_forces(mechanism)
             arrange(mechanism)
         mechanism.compiled = True
         self.mechanism = mechanism
