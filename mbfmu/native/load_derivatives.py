@@ -2,8 +2,8 @@
 
 The equations of motion and the outputs are linear in most of them. A symmetric difference is exact then, except for
 rounding, whatever its step. In the others (:meth:`.CompiledMechanism.nonlinear_inputs`) differences of fourth order are
-taken over steps that become shorter. Each derivative is the one that differs least from that over the step before: over
-longer steps the difference quotients have errors of the method, over shorter ones of rounding.
+taken over steps that become shorter. Each derivative is the one with the smallest relative difference from that over
+the step before: over longer steps the difference quotients have errors of the method, over shorter ones of rounding.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 FIRST_STEP_RATIO = 1.0 / 64.0  # of the first step to the input, or to 1 in its unit if that is larger
 STEP_DECREASE = 0.125
-MAX_DECREASES = 6
+# Shortest steps, to the input, and of one that is zero: over shorter ones rounding errors may agree
+MIN_STEP_RATIO, MIN_STEP = 1e-7, 1e-9
 AGREEMENT = 1e-13  # relative difference of derivatives over two steps, after which no other step is tried
 
 
@@ -93,15 +94,21 @@ def add_derivatives(factor: float, derivatives: Reals, own: Linearization) -> No
 @kernel
 def differentiate_nonlinear(k: int, inputs: InputRecords, data: Data, own: Linearization) -> None:
     """Add the derivatives by input k, times its part of the direction."""
-    step = FIRST_STEP_RATIO * max(abs(own.before[k]), 1.0)
-    for level in range(MAX_DECREASES + 1):
+    size = abs(own.before[k])
+    step, shortest, is_first = (
+        FIRST_STEP_RATIO * max(size, 1.0),
+        MIN_STEP_RATIO * size if size > 0.0 else MIN_STEP,
+        True,
+    )
+    while step > shortest:
         clear(own.quotients)
         for place in (-2.0, -1.0, 1.0, 2.0):
             set_load_input(inputs, k, own.before[k] + place * step)
             weight = (8.0 if abs(place) == 1.0 else -1.0) * np.sign(place)
             add_evaluation(weight / (12.0 * step), data, own)
-        if compare_quotients(own, level == 0):
+        if compare_quotients(own, is_first):
             break
+        is_first = False
         step *= STEP_DECREASE
     set_load_input(inputs, k, own.before[k])
     add_derivatives(own.inputs[k], own.estimates, own)
@@ -110,16 +117,19 @@ def differentiate_nonlinear(k: int, inputs: InputRecords, data: Data, own: Linea
 @kernel
 def compare_quotients(own: Linearization, is_first: bool) -> bool:
     """Let quotients that differ less from the previous ones than others have done be the estimates; return whether all
-    agree with the previous ones.
+    agree with the previous ones. Where all are zero, shorter steps may find a change.
     """
-    agree = not is_first
+    agree, changes = not is_first, False
     for i in range(own.quotients.shape[0]):
-        change = np.inf if is_first else abs(own.quotients[i] - own.previous[i])
+        quotient, change = own.quotients[i], np.inf
+        if not is_first and quotient != 0.0:
+            change = abs(quotient - own.previous[i]) / abs(quotient)
         if is_first or change < own.changes[i] or not np.isfinite(own.estimates[i]):
-            own.estimates[i], own.changes[i] = own.quotients[i], change if np.isfinite(change) else np.inf
-        agree = agree and change <= AGREEMENT * abs(own.quotients[i])
-        own.previous[i] = own.quotients[i]
-    return agree
+            own.estimates[i], own.changes[i] = quotient, change if np.isfinite(change) else np.inf
+        agree = agree and (change <= AGREEMENT or quotient == own.previous[i])
+        changes = changes or quotient != 0.0
+        own.previous[i] = quotient
+    return agree and changes
 
 
 @inlined

@@ -31,6 +31,7 @@ class LawCart(mb.Model):
     """A cart on a spring towards an input, and a second one that a table and noise move; no gravity."""
 
     gain: float = mb.parameter(GAIN, unit="N/m", min=1.0, doc="Stiffness of the law")
+    size: float = mb.parameter(1.0, unit="m", min=1e-9, doc="Change of the target over which a law changes")
 
     def build(self) -> mb.Mechanism:
         m = mb.Mechanism(gravity=(0.0, 0.0, 0.0))
@@ -43,6 +44,7 @@ class LawCart(mb.Model):
         m.output("power", m.expression("F * v", uses={"F": spring.effort(), "v": cart.rate()}, unit="W"))
         lagged = m.state("lagged", "(target**2 - z) / 0.5", uses={"target": target}, unit="m2")
         m.output("lagged", lagged.value())
+        m.state("bump", "exp(-((target / size) ** 2)) - z", uses={"target": target, "size": self.size})
         other = m.body("other", m.ground, mb.Translational(axis="x", nominal=1.0), mass=MASS)
         table = mb.Table([0.0, 1.0, 2.0], [0.0, 3.0, 3.0], kind="linear")
         m.force("table", mb.JointForce("2 * F + w", uses={"F": table, "w": NOISE}), other)
@@ -121,6 +123,22 @@ def test_derivatives_of_laws_are_those_of_the_functions(native: Path) -> None:
             assert relative_errors(found[known], differences[known]).max() < 1e-8
             by_target = found[lagged, own.count + linear.input_names.index("target")]
             assert by_target == pytest.approx(4.0 * values["target"], rel=1e-11)  # of (target^2 - z) / 0.5
+
+
+@needs_compiler
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 1.0, 1e3, 1e6])
+def test_derivatives_by_inputs_are_right_at_every_size(native: Path, size: float) -> None:
+    names = [v.variable.name for v in read_model_description(str(native)).derivatives]
+    with importing(Binary(native, native.parent / f"{size}")) as own:
+        own.start(values={"size": size})
+        linear, x = Linear(own), own.states()
+        for part in (-2.0, -0.3, 0.7, 1.1, 2.5):
+            u = np.array([{"target": part * size, "pressing": 1.0}[name] for name in linear.input_names])
+            linear.evaluate(0.0, x, u)
+            found = linear.matrix()[
+                names.index("der(state.value.bump)"), own.count + linear.input_names.index("target")
+            ]
+            assert found * size == pytest.approx(-2.0 * part * np.exp(-(part**2)), rel=1e-8)
 
 
 # ---- steady states --------------------------------------------------------------------------------------------------
