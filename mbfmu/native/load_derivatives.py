@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 FIRST_STEP_RATIO = 1.0 / 64.0  # of the first step to the input, or to 1 in its unit if that is larger
 STEP_DECREASE = 0.125
 # Shortest steps, to the input, and of one that is zero: over shorter ones rounding errors may agree
-MIN_STEP_RATIO, MIN_STEP = 1e-7, 1e-9
+SHORTEST_STEP_RATIO, SHORTEST_STEP = 1e-7, 1e-9
 AGREEMENT = 1e-13  # relative difference of derivatives over two steps, after which no other step is tried
 
 
@@ -97,7 +97,7 @@ def differentiate_nonlinear(k: int, inputs: InputRecords, data: Data, own: Linea
     size = abs(own.before[k])
     step, shortest, is_first = (
         FIRST_STEP_RATIO * max(size, 1.0),
-        MIN_STEP_RATIO * size if size > 0.0 else MIN_STEP,
+        SHORTEST_STEP_RATIO * size if size > 0.0 else SHORTEST_STEP,
         True,
     )
     while step > shortest:

@@ -39,7 +39,7 @@ from solvers.statics.dense import DenseEquilibriumSolver
 from solvers.statics.linearized import DenseLinearized, Linearized, TreeLinearized
 from solvers.statics.newton import EquilibriumSolver, Outcome, Solution
 from solvers.statics.spectrum import Stability
-from solvers.statics.states import can_hold, hold_states, let_stick, with_states_as_positions
+from solvers.statics.states import can_hold, hold_states, let_stick, start_values, with_states_as_positions
 from solvers.statics.tree import TreeEquilibriumSolver
 from solvers.system import Array
 
@@ -317,6 +317,7 @@ class EquilibriumProblem:
         system = self.compiled.system
         if system.n_states and system.has_matrices:
             hold_states(self._extended, self._complex, 0.0, self._start, self._v)
+            self._z = start_values(self._extended, self._complex, 0.0, self._start, self._v)
             states = zip(system.coordinate_names[system.n_velocities :], self._extended.data.is_held, strict=True)
             self._held = [name for name, is_held in states if is_held]
 

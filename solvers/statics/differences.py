@@ -22,7 +22,7 @@ from solvers.system import Array, Equations
 
 from .dense import NewtonScratch, factor_jacobian_template, find_constraint_forces, max_stiffness, newton_template
 from .newton import FOUND, MAX_STATE_DISTANCE, NO_PROGRESS, UNDETERMINED, Outcome
-from .states import MAX_RESTING_RATE
+from .states import MAX_RESTING_RATE, SLIPPING_START
 
 if TYPE_CHECKING:
     from solvers.compiled.record import Integers, Reals
@@ -96,8 +96,9 @@ def weighted_rate(i: int, balance: float, scratch: Any) -> float:
 
 @kernel
 def weigh_states(eqs: Equations, t: float, q: Reals, rate: float, work: SteadyScratch) -> None:
-    """Set the weights of the states at q (nq,) with their start values in ``work.newton.v``, and which of them keep
-    these: see :func:`solvers.statics.states.with_states_as_positions` and ``hold_states``; ``rate`` in 1/s.
+    """Set the weights of the states at q (nq,) with their start values in ``work.newton.v``, which of them keep these,
+    and where the search begins for others: see :func:`solvers.statics.states.with_states_as_positions`,
+    ``hold_states`` and ``start_values``; ``rate`` in 1/s.
     """
     scratch, terms, inertia = work.newton, eqs.terms, 0.0
     k, n = scratch.weights.shape[0], scratch.v.shape[0]
@@ -115,7 +116,8 @@ def weigh_states(eqs: Equations, t: float, q: Reals, rate: float, work: SteadySc
         scratch.weights[i] = (inertia if inertia > 0.0 else 1.0) * frequency / (size * size)
         rests = abs(terms.h[n - k + i]) / size <= MAX_RESTING_RATE * frequency
         scratch.holding[i] = scratch.weights[i] * frequency if work.can_hold[i] == 1 and rests else 0.0
-        scratch.v[n - k + i] = scratch.held_values[i]
+        slips = work.can_hold[i] == 1 and not rests
+        scratch.v[n - k + i] = -SLIPPING_START * size * np.sign(terms.h[n - k + i]) if slips else scratch.held_values[i]
 
 
 @kernel

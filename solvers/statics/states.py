@@ -26,6 +26,7 @@ from solvers.projection.products import PRODUCT_STEP_SIZE
 from solvers.system import Array, System, Terms
 
 MAX_RESTING_RATE = 1e-6  # of a state that is held, in its nominal value and the rate of the mechanism
+SLIPPING_START = 4.0  # in nominal values: where the search for the state of a friction that slips begins
 
 
 class StateEquations(NamedTuple):
@@ -126,6 +127,20 @@ def hold_states(extended: System, system: System, t: float, q: Array, v: Array) 
     at[system.n_velocities :] = 0.0
     change = np.abs(rates_of_states(system, t, q, at).real) / system.size[system.n_velocities :]
     extended.data.is_held[:] = system.held_states & (change <= MAX_RESTING_RATE * (system.rate or 1.0))
+
+
+def start_values(extended: System, system: System, t: float, q: Array, v: Array) -> Array:
+    """Return the values (k,) from which Newton's method begins, with the arguments of :func:`hold_states`, which comes
+    first: the start values, except those of frictions that slip.
+
+    The rate of a bristle depends on its deflection only if it is nearly as large as it can be: Newton's method cannot
+    begin with no deflection. Beyond the largest one the rate is linear in the deflection.
+    """
+    at = v.astype(complex)
+    at[system.n_velocities :] = 0.0
+    rate = rates_of_states(system, t, q, at).real
+    slips = np.asarray(system.held_states, bool) & (extended.data.is_held == 0.0)
+    return np.where(slips, SLIPPING_START * system.size[system.n_velocities :] * np.sign(rate), extended.data.start)
 
 
 @contextmanager

@@ -111,6 +111,45 @@ def test_fmu_that_calls_python_moves_as_computed_by_scipy(tmp_path: Path) -> Non
     assert found["reading"] == pytest.approx(ControlledRod(first=0.1).motion(found["time"])[2], abs=2e-7)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sliding(mb.Model):
+    """A spindle that turns in a bearing with friction, and a mass on a spring and a guide with friction."""
+
+    mass: float = mb.parameter(2.0, unit="kg", min=0.1, doc="Mass on the spring")
+    coulomb: float = mb.parameter(0.4, unit="N.m", min=0.01, doc="Friction of the bearing")
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+        block = m.body("block", m.ground, mb.Translational(axis="y", nominal=0.1), mass=self.mass)
+        m.force("guide", mb.JointFriction(coulomb=3.0, deflection=0.01), block)
+        m.force("spring", mb.JointSpring(stiffness=500.0), block)
+        m.output("travel", block.coordinate())
+        speed = mb.SpeedInput(name="speed", unit="rad/s", start=3.0)
+        turning = mb.Revolute(axis="y", drive=speed)
+        spindle = m.body("spindle", m.ground, turning, mass=1.0, inertia=(0.1, 0.1, 0.1))
+        friction = {"static": 1.5 * self.coulomb, "stribeck": 2.0, "viscous": 0.1, "deflection": 0.1}
+        m.force("bearing", mb.JointFriction(coulomb=self.coulomb, **friction), spindle)
+        m.output("drive", spindle.effort())
+        return m
+
+
+@needs_compiler
+def test_native_fmu_starts_in_the_steady_state_with_frictions_that_slip_and_rest(tmp_path: Path) -> None:
+    settings = mb.Settings(solver="adams", start_at_equilibrium=True)
+    path = export(Sliding(), tmp_path / "sliding.fmu", settings, native=True)
+    cases: list[dict[str, float]] = [
+        {}, {"mass": 3.0}, {"speed": 5.0}, {"speed": -0.7, "coulomb": 0.9}, {"speed": 40.0, "mass": 0.5},
+    ]  # fmt: skip
+    for values in cases:
+        known = {"mass": 2.0, "coulomb": 0.4, "speed": 3.0} | values
+        speed, coulomb = known["speed"], known["coulomb"]
+        sliding = coulomb * (1.0 + 0.5 * np.exp(-((speed / 2.0) ** 2)))
+        wanted = [-known["mass"] * 9.81 / 500.0, np.sign(speed) * sliding + 0.1 * speed]
+        found = simulate_fmu(str(path), stop_time=0.2, output_interval=0.1, start_values=values)
+        for row in found:
+            assert [row["travel"], row["drive"]] == pytest.approx(wanted, rel=1e-9 if row["time"] == 0.0 else 1e-4)
+
+
 def held_mass(stiffness: float) -> mb.Mechanism:
     """A mass of 2 kg on a vertical guide with friction, and on a spring."""
     m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
