@@ -386,8 +386,11 @@ def test_many_balls_of_a_large_tree(solver: str) -> None:
     assert not result.failed
 
 
-def lying_rod(size: float, restitution: float) -> mb.Mechanism:
-    """Return a rod of size^3 kg that falls on a floor with both ends; a force lifts its left end."""
+def lying_rod(size: float, restitution: float, weights: int = 0) -> mb.Mechanism:
+    """Return a rod of size^3 kg that falls on a floor with both ends; a force lifts its left end.
+
+    There are also weights on springs.
+    """
     m = mb.Mechanism(gravity=(0.0, -G * size, 0.0))
     car = m.body("car", m.ground, mb.Translational(axis="y", start=size, nominal=size))
     shape = mb.rod(mass=size**3, length=size)
@@ -398,16 +401,26 @@ def lying_rod(size: float, restitution: float) -> mb.Mechanism:
         m.event(name, end, direction="down", then=mb.Bounce(restitution))
         m.output(name, end)
     m.output("angle", rod.angle())
+    for k in range(weights):
+        joint = mb.Translational(axis="x", start=0.1 * size, nominal=size)
+        weight = m.body(f"weight{k}", m.ground, joint, mass=size**3)
+        m.force(f"spring{k}", mb.JointSpring(stiffness=(1.0 + 0.1 * k) * size**3), weight)
     return m
 
 
-@pytest.mark.parametrize(("solver", "size"), [("adams", 1e-3), ("adams", 1.0), ("ida", 1.0), ("radau", 1e3)])
-def test_one_end_of_a_rod_is_lifted(solver: str, size: float) -> None:
+@pytest.mark.parametrize(
+    ("solver", "size", "weights"),
+    [
+        *[("adams", 1e-3, 0), ("adams", 1.0, 0), ("ida", 1.0, 0), ("radau", 1e3, 0)],
+        *[("adams", 1e-3, 66), ("hybrid", 1e3, 66), ("ida", 1.0, 66)],
+    ],
+)
+def test_one_end_of_a_rod_is_lifted(solver: str, size: float, weights: int) -> None:
     """Closed form: the force t size^4 lifts the left end at g / 2. SciPy: the angle turns about the other end, which
     slides: a'' = 3 cos(a) (g / 2 - t).
     """
     given = {"lift": f"{size**4!r} * t"}
-    result = mb.simulate(lying_rod(size, 0.5), 6.0, interval=0.25, solver=solver, tolerance=1e-8, inputs=given)
+    result = mb.simulate(lying_rod(size, 0.5, weights), 6.0, interval=0.25, solver=solver, tolerance=1e-8, inputs=given)
     assert lifts(result, "left") == pytest.approx([G / 2.0], abs=1e-7)
     assert not lifts(result, "right")
     late = result.t > 2.0
@@ -504,7 +517,7 @@ def test_a_saved_run_continues_on_two_points() -> None:
 
 
 def test_stops_that_cannot_hold_end_the_run() -> None:
-    """The sum of angles of a chain, and positions in large models."""
+    """The sum of angles of a chain, and positions in large models with esdirk."""
     m = mb.Mechanism(gravity=(0.0, -G, 0.0))
     rod = m.body("rod", m.ground, mb.Revolute(), **mb.rod(mass=1.0, length=1.0))
     m.event("wall", m.turn(rod), crosses=-1.0, direction="down", then=mb.Bounce(0.2))
@@ -514,7 +527,7 @@ def test_stops_that_cannot_hold_end_the_run() -> None:
     for k in range(70):
         body = large.body(f"ball{k}", large.ground, mb.Translational(axis="y", start=0.1), mass=1.0)
     large.event("floor", body.position("y"), direction="down", then=mb.Bounce(0.2))
-    result = mb.simulate(large, 5.0, interval=1.0, solver="adams", tolerance=1e-7)
+    result = mb.simulate(large, 5.0, interval=1.0, solver="esdirk", tolerance=1e-7)
     assert "[resting-bounce]" in result.failure
 
 

@@ -44,6 +44,8 @@ class LockedJoints:
         Returns a solver of the present system at a state.
     note
         Receives what a solver that is replaced has reported.
+    solves_by_matrices
+        Whether the solver can hold sensors at stops by constraint equations in models of any size.
     """
 
     def __init__(
@@ -52,7 +54,9 @@ class LockedJoints:
         run: StepperRun,
         make_stepper: MakeStepper,
         note: Callable[[Diagnostic], None],
+        solves_by_matrices: bool,
     ) -> None:
+        self.solves_by_matrices = solves_by_matrices
         self._compiled, self._run, self._make_stepper, self._note = compiled, run, make_stepper, note
         self._session = run.session
         self._balance = unpin(run.session).balance[0]

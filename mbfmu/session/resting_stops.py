@@ -82,7 +82,7 @@ class RestingStops:
         self._events = events
         joints = [-1 if event.holding_joint is None else event.holding_joint for event in events]
         self._joints = np.array(joints, np.int64)
-        rows = [self._compiled.locks.stop_number(event.name) for event in events]
+        rows = [self._compiled.locks.stop_number(event.name, self._locked.solves_by_matrices) for event in events]
         self._rows = np.array([-1 if row is None else row for row in rows], np.int64)
         self._restitutions = np.array([event.bounce.restitution for event in events if event.bounce])
 

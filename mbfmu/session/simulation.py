@@ -21,6 +21,7 @@ from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import UserError
 from solvers.compiled.kernel import COMPILED
 from solvers.compiled.tuple_pointer import pin
+from solvers.steppers import SOLVERS, eliminates_implicitly
 from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor
@@ -159,7 +160,9 @@ class Simulation(RunProgress):
         setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
         self._events: RunEvents | None = None
         if self.compiled.mechanism.events or self.compiled.mechanism.sampled:
-            locked = LockedJoints(self.compiled, self._run, self._stepper, self._noted.append)
+            solver, system = self.solver_choice.solver, self.compiled.system
+            by_matrices = solver in SOLVERS and not eliminates_implicitly(solver, system)
+            locked = LockedJoints(self.compiled, self._run, self._stepper, self._noted.append, by_matrices)
             self._events = RunEvents(self.compiled, self._run, setters, locked)
         self._check_actions()
         if self._events and begins:

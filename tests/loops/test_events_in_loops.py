@@ -59,6 +59,22 @@ def test_a_row_of_fourbars_bounces_and_is_kicked(solver: str) -> None:
     assert not result.warning
 
 
+@pytest.mark.parametrize("solver", ["adams", "hybrid"])
+def test_a_row_of_fourbars_rests_on_a_stop(solver: str) -> None:
+    """Closed form: the row moves as one rod, whose weight a growing torque exceeds."""
+    m = n_four_bar(LOOPS).mechanism
+    m.event("stop", m.bodies[LOOPS].position("y"), crosses=STOP, direction="down", then=mb.Bounce(0.0))
+    m.force("lift", mb.JointForce(mb.Input(name="lift", unit="N*m", start=0.0)), m.bodies[1])
+    m.output("angle", m.bodies[1].angle())
+    lift = {"lift": "200.0 * (t - 3.0)"}
+    result = mb.simulate(m, 4.1, interval=0.25, solver=solver, tolerance=1e-7, inputs=lift)
+    held, angle = (result.t > 0.3) & (result.t < 4.0), float(np.arcsin(STOP))
+    np.testing.assert_allclose(result["angle"][held], angle, rtol=0.0, atol=1e-9)
+    (release,) = (event.time for event in result.events if event.direction == "up")
+    assert release == pytest.approx(3.0 + WEIGHT * np.cos(angle) / 200.0, abs=1e-7)
+    assert not result.warning
+
+
 @pytest.mark.campaign
 @pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
 @pytest.mark.parametrize("solver", ["adams", "ida"])

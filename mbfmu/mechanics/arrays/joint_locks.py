@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.sensors import CouplingEffort, RowForce
-from solvers.system import AnySystem, Array
+from solvers.system import MAX_SOLVER_DENSE_COORDINATES, AnySystem, Array
 
 from .numbering import Numbering
 from .rows import find_constant_rows
@@ -152,13 +152,15 @@ class JointLocks:
         """
         return self._rows.slopes(self._systems_now()[0], system.constraint_names, t, q, v)
 
-    def stop_number(self, event: str) -> int | None:
+    def stop_number(self, event: str, by_matrices: bool) -> int | None:
         """Return the number of the constraint equation of the stop of an event; None: there is none.
 
-        Large models have none: their constraints are eliminated along the tree.
+        There is none in large models if the solver of the run does not solve equations ``by_matrices``.
         """
-        is_small = self.system.has_matrices and self.system.n <= MAX_DENSE_TREE_COORDINATES
-        return self._rows.names.index(event) if is_small and event in self._rows.names else None
+        limit = MAX_SOLVER_DENSE_COORDINATES if by_matrices else MAX_DENSE_TREE_COORDINATES
+        has_matrices = self.system.has_matrices or by_matrices
+        is_held = has_matrices and self.system.n <= limit and event in self._rows.names
+        return self._rows.names.index(event) if is_held else None
 
     def stop_forces(self, lam: Array) -> Array:
         """Return the multipliers (k,) of the stops that hold, of those of the present system (m,)."""

@@ -68,7 +68,7 @@ class StopRows:
         kept[:first], kept[first:] = self._arrays.kept, -1
         kept[first + np.array(held, np.int64)] = len(names) + np.arange(len(held))
         own = [f"stop {self.names[k]!r}" for k in held]
-        return systems.with_stop_rows(self._data.arrays, self._sizes).dense([*names, *own], self._data)
+        return systems.with_stop_rows(self._data, self._sizes).dense([*names, *own], self._data)
 
     def slopes(self, systems: Systems, names: Sequence[str], t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return J (k, n) and gamma (k,) of all stops at a state: the accelerations of the sensors are J a - gamma.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.bodies import Body
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.elimination import MAX_DENSE_LOOP_COORDINATES, eliminate_constraints
-from mbfmu.mechanics.records import Arrays, Data
+from mbfmu.mechanics.records import Data
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.recursions.dynamics import input_step_limit, observe_all
 from mbfmu.mechanics.tangent import Groups, MissingTangent, Tangent, coupled_states, find_groups
@@ -68,7 +68,7 @@ class Systems:
         self, mechanism: Mechanism, numbering: Numbering, elements: CompiledElements, drives: Drives, length: float
     ) -> None:
         self._mechanism, self._numbering, self._elements = mechanism, numbering, elements
-        self._drives, self._length, self._arrays = drives, length, elements.data.arrays
+        self._drives, self._length, self._data, self._arrays = drives, length, elements.data, elements.data.arrays
         self._locked: Set[int] = frozenset()
         self._holds_stops = False
         self._model_size = 0, 0  # coordinates and constraint equations without locked joints, if there are some
@@ -121,12 +121,12 @@ class Systems:
         numbering.coordinate_names = [name for name, remains in names if remains]
         return found
 
-    def with_stop_rows(self, arrays: Arrays, sizes: Array) -> Systems:
-        """Return the systems of arrays with further constraint equations, whose residuals have these sizes (k,), see
+    def with_stop_rows(self, data: Data, sizes: Array) -> Systems:
+        """Return the systems of data with further constraint equations, whose residuals have these sizes (k,), see
         :mod:`.stop_rows`.
         """
         found = copy(self)
-        found._holds_stops, found._arrays = True, arrays
+        found._holds_stops, found._data, found._arrays = True, data, data.arrays
         found.row_size = np.append(self.row_size, sizes)
         found._nonholonomic = np.append(self._nonholonomic, np.zeros(len(sizes), bool))
         return found
@@ -294,11 +294,12 @@ class Systems:
     def _elimination(self) -> Elimination | Callable[[], EliminationEquations] | None:
         """Return what eliminates constraints along the tree; None if there are none, or if matrices are required.
 
-        With flexible bodies there is no structured tangent, which implicit solvers require.
+        With flexible bodies there is no structured tangent, which implicit solvers require, nor with equations that
+        hold stops.
         """
         numbering = self._numbering
         needs_matrices = self._nonholonomic.any() or numbering.bearings or numbering.nv == len(numbering.states)
-        if not self._mechanism.constraints or needs_matrices or self._holds_stops:
+        if needs_matrices or not (self._mechanism.constraints or self._holds_stops):
             return None
         return Elimination(self._eliminate, self.tangent) if self._has_tangent else self._eliminate
 
@@ -307,7 +308,7 @@ class Systems:
         lengths = spans(self._mechanism, self._arrays)
         typical = float(np.median(lengths[lengths > 0.0])) if np.any(lengths > 0.0) else self._length
         row_size = self.row_size[self._arrays.kept >= 0]
-        return eliminate_constraints(self._arrays, self._elements.data.state, self._size.copy(), row_size, typical)
+        return eliminate_constraints(self._arrays, self._data.state, self._size.copy(), row_size, typical)
 
     def _first_reason(self, which: str) -> str:
         """Return the first reason of this name that a load gives; empty: none does."""
