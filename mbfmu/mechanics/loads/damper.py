@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,7 +16,9 @@ from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import Record, f8, i8
 
 from .base import Force, PointPairRecord, Points, fill_points
-from .spring import connecting_line, pull_together
+from .joint_spring import kernels_of_quantities as kernels_of_joint_quantities
+from .law_of_stretch import fill_law, use_law
+from .spring import connecting_line, kernels_of_quantities, pull_together
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -127,10 +130,13 @@ class DampingForce(Force):
     kernels_of_law: ClassVar[Any]
 
     damping: Any
+    uses: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        """Take the kernels of a function."""
-        if self._is_function():
+        """Take the kernels of a law or a function."""
+        if self.uses:
+            use_law(self, "damping", self.damping, self.uses)
+        elif self._is_function():
             f = as_law(law.law_of(f"damping of a {type(self).__name__}", self.damping, ("v",)))
             for name, function in zip(("apply", "power"), kernel_of(self, "kernels_of_law")(f), strict=True):
                 object.__setattr__(self, name, function)
@@ -145,7 +151,9 @@ class DampingForce(Force):
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write how much."""
-        if isinstance(self.damping, Table):
+        if self.uses:
+            fill_law(self, record, site)
+        elif isinstance(self.damping, Table):
             self.damping.write(f"damping of {site.name}", record, site)
         elif not self._is_function():
             record["damping"] = self.damping
@@ -160,7 +168,10 @@ class Damper(DampingForce):
     damping
         Damping, N s/m. A ``Table``, a function ``lambda v: ...`` or an expression ``"300 * v + 50 * v**3"`` gives the
         force (N) over the rate v of the distance of the points (m/s) instead: v is positive and a positive force
-        pulls the points together if the distance increases (rebound).
+        pulls the points together if the distance increases (rebound). With ``uses`` also of the time t (s), the
+        distance x (m) and the names there: ``"c * v * valve"``; such a law acts only if the points do not coincide.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     at_a, at_b
         Points in the frames of bodies a and b, m.
 
@@ -174,6 +185,7 @@ class Damper(DampingForce):
     apply = apply
     power = power
     kernels_of_law = kernels_between
+    kernels_of_quantities = kernels_of_quantities
 
     at_a: Any = (0.0, 0.0, 0.0)
     at_b: Any = (0.0, 0.0, 0.0)
@@ -197,7 +209,10 @@ class JointDamper(DampingForce):
     damping
         Damping, N m s/rad for an angle and N s/m for a displacement. A ``Table``, a function ``lambda v: ...`` or an
         expression of ``v`` gives the torque (N m) or force (N) over the velocity v of the coordinate (rad/s or m/s)
-        instead; it acts against the coordinate if it is positive.
+        instead; it acts against the coordinate if it is positive. With ``uses`` also of the time t (s), the coordinate
+        x and the names there.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     """
 
     record = JointDamperRecord
@@ -205,8 +220,11 @@ class JointDamper(DampingForce):
     apply = apply_to_joint
     power = power_in_joint
     kernels_of_law = kernels_in_joint
+    kernels_of_quantities = kernels_of_joint_quantities
 
     def fill(self, record: Any, site: Attachment) -> None:
         """Write where it acts too."""
         super().fill(record, site)
         record["v"] = site.v
+        if self.uses:
+            record["q"] = site.q

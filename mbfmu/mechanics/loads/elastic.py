@@ -7,7 +7,8 @@ the free length is a signal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,6 +22,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import Record, f8, i8
 
 from .base import Force
+from .law_of_stretch import fill_law, use_law
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays
@@ -70,7 +72,8 @@ class ElasticForce(Force):
     """Spring and parallel damper.
 
     Its kernels are for a stiffness and for a table; ``kernels_of_law`` returns ``apply`` and ``power`` of one with a
-    function of the time, the stretch and its rate. ``moving`` has those of a free length that is a signal, and its
+    function of the time, the stretch and its rate, and ``kernels_of_quantities``, if there is one, those of a law of
+    other quantities. ``moving`` has those of a free length that is a signal, and its
     record has the field ``signal``; None: this is not allowed.
     """
 
@@ -80,10 +83,13 @@ class ElasticForce(Force):
     stiffness: Any = 0.0
     damping: float = 0.0
     free: Any = 0.0
+    uses: Mapping[str, Any] = field(default_factory=dict, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
-        """Take the kernels of a function, or of a free length that is a signal."""
-        if self._is_moving() and self.moving is not None:
+        """Take the kernels of a law or a function, or of a free length that is a signal."""
+        if self.uses:
+            use_law(self, "stiffness", self.stiffness, self.uses)
+        elif self._is_moving() and self.moving is not None:
             self.become(self.moving)
         elif self._is_function():
             f = as_law(law.law_of(f"stiffness of a {type(self).__name__}", self.stiffness, ("x",)))
@@ -113,6 +119,8 @@ class ElasticForce(Force):
     def fill(self, record: Any, site: Attachment) -> None:
         """Write how much."""
         record["damping"] = self.damping
+        if self.uses:
+            fill_law(self, record, site)
         if self._is_moving():
             record["signal"] = site.signal(self.free, f"free of {site.name}")
         else:

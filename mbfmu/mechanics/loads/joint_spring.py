@@ -14,6 +14,7 @@ from solvers.compiled.record import i8
 
 from .base import Force
 from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
+from .joint_force import kernels_of_law as kernels_of_given_law
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -94,6 +95,17 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     return jit_uncached(apply), jit_uncached(power)
 
 
+@cache
+def kernels_of_quantities(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a spring or a damper whose law the kernel ``value`` evaluates."""
+
+    def push(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        rate = state.v[force.v]
+        return -value(force, t, arrays, state, state.q[force.q] - force.free, rate) - force.damping * rate
+
+    return kernels_of_given_law(jit_uncached(push))
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointSpring(ElasticForce):
     """Spring-damper on the joint coordinate of a body.
@@ -103,10 +115,13 @@ class JointSpring(ElasticForce):
     stiffness, damping
         Stiffness and damping: N m/rad and N m s/rad for an angle, N/m and N s/m for a displacement; a ``Table`` in
         place of a stiffness gives the force over the deflection x, as does a function ``lambda x: ...`` or an
-        expression ``"3 * x**3"``: the work of such a function is computed, its energy is not.
+        expression ``"3 * x**3"``: the work of such a function is computed, its energy is not. With ``uses`` also of
+        the time t (s), the rate v of the coordinate and the names there.
     free
         Unloaded coordinate, rad or m: a number, or a signal or an input, as of a servo drive with a given stiffness.
         The work of a spring with a signal is computed, its energy is not.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     """
 
     record = JointSpringRecord
@@ -116,6 +131,7 @@ class JointSpring(ElasticForce):
     potential = potential
     power = power
     kernels_of_law = kernels_of
+    kernels_of_quantities = kernels_of_quantities
     moving = MovingJointSpring
     variants = (MovingJointSpring,)
 

@@ -150,6 +150,32 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     return jit_uncached(apply), jit_uncached(power)
 
 
+@cache
+def kernels_of_quantities(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a spring or a damper whose law the kernel ``value`` evaluates."""
+
+    def pull(force: Any, line: Any, t: float, arrays: Arrays, state: State) -> Any:
+        _, _, _, length, rate = line
+        f = force.damping * rate
+        if length != 0.0:
+            f += value(force, t, arrays, state, length - force.free, rate)
+        return f
+
+    pull = jit_uncached(pull)
+
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+        A, B = state.bodies[force.a], state.bodies[force.b]
+        line = connecting_line(force, A, B)
+        pull_together(A, B, line, pull(force, line, t, arrays, state))
+
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        line = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+        _, _, _, _, rate = line
+        return -pull(force, line, t, arrays, state) * rate
+
+    return jit_uncached(apply), jit_uncached(power)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spring(ElasticForce):
     """Translational spring-damper between a point of body a and a point of body b.
@@ -158,7 +184,9 @@ class Spring(ElasticForce):
     ----------
     stiffness
         Stiffness, N/m. A ``Table``, a function ``lambda x: ...`` or an expression ``"3 * x**3"`` gives the force (N)
-        over the elongation x (m) instead; for functions and expressions work is computed, energy is not.
+        over the elongation x (m) instead; for functions and expressions work is computed, energy is not. With ``uses``
+        also of the time t (s), the rate v of the elongation (m/s) and the names there:
+        ``"k * x * (1 + 0.2 * pressure)"``.
     damping
         Damping, N s/m.
     at_a, at_b
@@ -168,6 +196,8 @@ class Spring(ElasticForce):
         of a spring with a signal is computed, its energy is not. If the ends coincide, the damper acts along their
         relative velocity, and the elastic force has no direction and is omitted; a message reports this if it occurs at
         the start and ``free`` is not zero.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     """
 
     record = SpringRecord
@@ -176,6 +206,7 @@ class Spring(ElasticForce):
     potential = potential
     power = power
     kernels_of_law = kernels_of
+    kernels_of_quantities = kernels_of_quantities
     moving = MovingSpring
     variants = (MovingSpring,)
 

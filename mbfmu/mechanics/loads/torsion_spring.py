@@ -23,6 +23,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.compiled.record import Mat3, i8
 
 from .elastic import ElasticForce, ElasticRecord, elastic_energy, elastic_force
+from .given import LawRecord
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, MotionRecord, State
@@ -107,6 +108,26 @@ def kernels_of(f: Any) -> tuple[Any, Any]:
     return jit_uncached(apply), jit_uncached(power)
 
 
+class TorsionLawRecord(LawRecord, TorsionSpringRecord):
+    """Parameters of :class:`TorsionSpring` with a law of other quantities."""
+
+
+@cache
+def kernels_of_quantities(value: Any) -> tuple[Any, Any]:
+    """Return ``apply`` and ``power`` of a spring whose law the kernel ``value`` evaluates."""
+
+    def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
+        A, B = state.bodies[force.a], state.bodies[force.b]
+        phi, rate, g = _twist(force, A, B)
+        apply_torque(A, B, value(force, t, arrays, state, phi - force.free, rate) + force.damping * rate, g)
+
+    def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
+        phi, rate, _ = _twist(force, state.bodies[force.a], state.bodies[force.b])
+        return -(value(force, t, arrays, state, phi - force.free, rate) + force.damping * rate) * rate
+
+    return jit_uncached(apply), jit_uncached(power)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TorsionSpring(ElasticForce):
     """Torsional spring-damper between bodies a and b about an axis of body a.
@@ -122,9 +143,12 @@ class TorsionSpring(ElasticForce):
     stiffness, damping
         Stiffness, N m/rad, and damping, N m s/rad; a ``Table`` in place of a stiffness gives the torque over the
         rotation x from ``free``, as does a function ``lambda x: ...`` or an expression: the work of such a function is
-        computed, its energy is not.
+        computed, its energy is not. With ``uses`` also of the time t (s), the rate v of the rotation and the
+        names there.
     free
         Unloaded angle of b in a, rad.
+    uses
+        Other quantities in a function or expression, by their names, see :class:`.JointForce`.
     rotation
         3x3 axes of b in a at the angle zero, such as the ``rotation`` of a joint; None: parallel.
     """
@@ -134,6 +158,8 @@ class TorsionSpring(ElasticForce):
     potential = potential
     power = power
     kernels_of_law = kernels_of
+    kernels_of_quantities = kernels_of_quantities
+    quantity_record = TorsionLawRecord
 
     axis: Any = "z"
     rotation: Any = None
