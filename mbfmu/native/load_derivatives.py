@@ -95,11 +95,8 @@ def add_derivatives(factor: float, derivatives: Reals, own: Linearization) -> No
 def differentiate_nonlinear(k: int, inputs: InputRecords, data: Data, own: Linearization) -> None:
     """Add the derivatives by input k, times its part of the direction."""
     size = abs(own.before[k])
-    step, shortest, is_first = (
-        FIRST_STEP_RATIO * max(size, 1.0),
-        SHORTEST_STEP_RATIO * size if size > 0.0 else SHORTEST_STEP,
-        True,
-    )
+    step, is_first = FIRST_STEP_RATIO * max(size, 1.0), True
+    shortest = SHORTEST_STEP_RATIO * size if size > 0.0 else SHORTEST_STEP
     while step > shortest:
         clear(own.quotients)
         for place in (-2.0, -1.0, 1.0, 2.0):

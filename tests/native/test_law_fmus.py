@@ -15,7 +15,7 @@ import pytest
 from binding import Binary
 from fmpy import read_model_description, simulate_fmu
 from importer import importing
-from linear_importer import Linear, relative_errors
+from linear_importer import Linear, on_the_constraints, relative_errors
 
 import mbfmu as mb
 from mbfmu.fmi.export import export
@@ -139,6 +139,55 @@ def test_derivatives_by_inputs_are_right_at_every_size(native: Path, size: float
                 names.index("der(state.value.bump)"), own.count + linear.input_names.index("target")
             ]
             assert found * size == pytest.approx(-2.0 * part * np.exp(-(part**2)), rel=1e-8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AllLaws(mb.Model):
+    """A pendulum on a cart, with a law in every element that takes one."""
+
+    def build(self) -> mb.Mechanism:
+        m = mb.Mechanism(gravity=(0.0, -G, 0.0))
+        cart = m.body("cart", m.ground, mb.Translational(axis="x", start=0.2, rate=0.3, nominal=1.0), mass=MASS)
+        arm = m.body("arm", cart, mb.Revolute(start=0.4, rate=0.5), **mb.rod(mass=1.0, length=0.8))
+        wheel = m.body("wheel", m.ground, mb.Revolute(at=(0.0, 2.0, 0.0), start=0.1), mass=1.0, inertia=(0.1, 0.1, 0.1))
+        slide = m.body("slide", m.ground, mb.Translational(axis="y", at=(1.0, 2.0, 0.0)), mass=0.7)
+        m.couple("cam", mb.Cam("0.2 * sin(q)", width=0.5), slide, wheel)
+        ends: dict[str, Any] = {"at_a": (0.0, 1.5, 0.0), "at_b": (0.8, 0.0, 0.0)}
+        free = mb.Input(name="free", unit="m", start=1.0)
+        use = {"p": mb.Input(name="pressure", unit="Pa", start=0.6), "a": arm.angle()}
+        m.force("spring", mb.Spring(stiffness="30 * x + 9 * x**3", damping=0.2, **ends), m.ground, arm)
+        m.force(
+            "servo", mb.JointSpring(stiffness=mb.Table([-1.0, 0.0, 1.0], [-9.0, 0.0, 7.0], "spline"), free=free), arm
+        )
+        m.force("damper", mb.Damper(damping="0.5 * v + v * abs(v)", **ends), m.ground, arm)
+        m.force("joint spring", mb.JointSpring(stiffness="4 * x + sin(x)", damping=0.1), arm)
+        m.force("joint damper", mb.JointDamper(damping="0.3 * v**3"), arm)
+        m.force(
+            "table", mb.JointSpring(stiffness=mb.Table([-1.0, 0.0, 0.5, 1.0], [-9.0, 0.0, 1.0, 7.0], "spline")), arm
+        )
+        m.force("actuator", mb.LineForce(magnitude="p**2 * x - 0.3 * v", uses={"p": use["p"]}, **ends), m.ground, arm)
+        m.force("point", mb.PointForce(magnitude="p * cos(a)", uses=use, axis="y", at_a=(0.8, 0.0, 0.0)), arm)
+        m.force("torque", mb.Torque(magnitude="sqrt(p) + a**2", uses=use, axis="z"), arm)
+        pressed = {"normal_force": "5 + p * a", "uses": use, "deflection": 0.5}
+        m.force("friction", mb.JointFriction(coulomb=0.3, **pressed), cart)
+        m.force("plain", mb.JointForce("-0.2 * v * abs(v) + cos(q)"), wheel)
+        m.output("angle", arm.angle())
+        m.output("load", m.expression("F * a", uses={"F": cart.joint_force("y"), "a": use["a"]}))
+        return m
+
+
+@needs_compiler
+def test_derivatives_of_laws_of_all_elements_are_those_of_the_functions(tmp_path: Path) -> None:
+    path = export(AllLaws(), tmp_path / "all.fmu", SETTINGS, native=True)
+    with importing(Binary(path, tmp_path / "unpacked")) as own:
+        own.start()
+        linear = Linear(own)
+        x, u = on_the_constraints(own, 0.05), np.array([{"free": 0.9, "pressure": 0.7}[n] for n in linear.input_names])
+        linear.evaluate(0.0, x, u)
+        found, differences = linear.matrix(), linear.differences(0.0, x, u, np.full(len(x) + len(u), 2e-3))
+        known = np.isfinite(differences).all(axis=1)
+        assert known.sum() > own.count
+        assert relative_errors(found[known], differences[known]).max() < 1e-8
 
 
 # ---- steady states --------------------------------------------------------------------------------------------------
