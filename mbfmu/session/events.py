@@ -21,7 +21,7 @@ from .event_search import CrossingSearch, search_memory
 from .impulses import Impacts, UndeterminedJumpError, velocity_jump
 from .kernels.points import account_discontinuity, check_point, energy_at
 from .locked_joints import LockedJoints
-from .resting_stops import SAME_PLACE_RATIO, RestingStops
+from .resting_stops import RestingStops
 from .run_messages import (
     MAX_EVENTS,
     PRESCRIBED_BOUNCE,
@@ -32,6 +32,7 @@ from .run_messages import (
 )
 from .sampled_blocks import EQUAL_TIME_SPACINGS, SampledBlocks
 from .stepper_run import SEQUENCE, StepperRun
+from .touched_stops import SAME_PLACE_RATIO, TouchedStops
 
 JUMPS = Bounce | Impulse | Lock | Release  # actions that may change velocities
 MIN_EVENTS_TIME_RATIO = 1e-6  # MAX_EVENTS events need at least this part of the duration of the run
@@ -95,6 +96,7 @@ class RunEvents:
         towards = memory.directions[are_stops].astype(float)
         self._impacts = Impacts(compiled, rates, towards)
         self._resting = RestingStops(compiled, run, self._search, locked, self._impacts)
+        self._touched = TouchedStops(compiled, run, self._search, self._impacts)
         turns = any(isinstance(action, Lock | Impulse) for event in declared for action in event.actions)
         units = [event.sensor.unit for event in watching if event.sensor and turns]
         self._bands = run.stepper.options.rtol * np.array([compiled.nominal(unit) for unit in units])
@@ -244,7 +246,10 @@ class RunEvents:
         self._resting.release(rested)
         hit = [self._stops[event.name] for event in found if event.bounce]
         hit += [k for k in rested if k not in hit]
-        self._bounce(hit, found)
+        places, pushed = self._resting.values(), list[int]()
+        if changes_rates:
+            self._touched.note(hit)
+            pushed = self._bounce(hit, found)
         for event in found:
             for action in event.actions:
                 if isinstance(action, SetInput | SetParameter):
@@ -257,8 +262,10 @@ class RunEvents:
                     self._search.resize(self._sizes())
                 elif isinstance(action, EndRun):
                     self.ended = True
-        self._bounce(rested, found)
-        self.stop = self.stop or self._resting.hold_resting(hit)
+        if changes_rates:
+            pushed += self._bounce(rested, found)
+        at_value = [k for k, value in enumerate(self._resting.values()) if k in pushed and value == places[k]]
+        self.stop = self.stop or self._resting.hold_resting(at_value)
         after, t = self._search.sensor_values(), run.stepper.t
         for event in (own for own in found if own.is_listed):
             if event.sensor is None:
@@ -276,20 +283,20 @@ class RunEvents:
             self._search.leave([self._places[event.name] for event in found if event.sensor], self._bands)
         return changed
 
-    def _bounce(self, stops: list[int], found: list[Event]) -> None:
-        """Let sensors bounce off these stops, at the events that are found."""
-        if not stops or self.stop is not None:
-            return
-        run = self._run
+    def _bounce(self, stops: list[int], found: list[Event]) -> list[int]:
+        """Let sensors bounce off these stops, at the events that are found; return them with those that are touched."""
+        if self.stop is not None:
+            return stops
         try:
-            dv = self._impacts.jump(run.stepper.t, run.q, run.v, np.array(stops))
+            dv, pushed = self._touched.jump(stops)
         except UndeterminedJumpError as error:
             self._stop_at(found[0], error.reason)
-            return
+            return stops
         if isinstance(dv, int):
             self._stop_at(next(e for e in self._watching if self._stops.get(e.name) == dv), PRESCRIBED_BOUNCE)
-        else:
+        elif pushed:
             self._let_jump(dv)
+        return pushed
 
     def _apply_impulse(self, action: Impulse, event: Event) -> None:
         run, first = self._run, int(self._compiled.data.arrays.bodies["vf"][action.body.index])
@@ -387,14 +394,3 @@ class RunEvents:
         self._restarts_next = state["restarts"]
         self._durations.restore(state["since"])
         self.records = [EventRecord(*r[:3], *(np.nan if x is None else x for x in r[3:])) for r in state["list"]]
-
-
-def describe_earlier_events(events: list[Event], t: float) -> list[Diagnostic]:
-    """Return a note if events of given times do not occur because a run starts later, at t (s)."""
-    earlier = [event for event in events if event.sensor is None and event.time < t]
-    if not earlier:
-        return []
-    given = ", ".join(f"{event.name!r} (t = {event.time:.9g} s)" for event in earlier)
-    text = f"events of times before the start of the run at t = {t:.9g} s do not occur: {given}"
-    remedy = "Start the run earlier, or give these events later times"
-    return [Diagnostic.note("earlier-event", text, remedy, time=t, subject=earlier[0].name)]

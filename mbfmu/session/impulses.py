@@ -30,6 +30,7 @@ from .run_messages import MASSLESS_EVENT, SINGULAR_EVENT
 # shortest equation
 IMPULSE_PIVOT_RATIO, LOCK_PIVOT_RATIO = UNRESOLVED_PIVOT_RATIO, 1e-4
 SAME_JUMP_RATIO = 1e-9  # difference of two jumps, relative to the largest change of a velocity, that is none
+UNSOLVED, MAX_PIVOTS = 1e-11, 50  # rate of a stop, relative to the largest, that is none; pivots, per stop
 CONTRADICTION = 1e-10  # square of the inverse of the jump that stops require, in units of that which one requires
 
 
@@ -116,13 +117,36 @@ def solve_complementarity(A: Array, b: Array) -> Array | None:
         return None
     if largest == 0.0:
         return p
-    values, vectors = np.linalg.eigh(A[np.ix_(moving, moving)] / np.outer(unit[moving], unit[moving]))
+    scaled = A[np.ix_(moving, moving)] / np.outer(unit[moving], unit[moving])
+    values, vectors = np.linalg.eigh(scaled)
     C, h = vectors * np.sqrt(np.maximum(values, 0.0)), b[moving] / (unit[moving] * largest)
     u = scipy.optimize.nnls(np.vstack([C.T, h]), np.append(np.zeros(len(values)), 1.0))[0]
     rest = 1.0 - h @ u
     if rest <= CONTRADICTION:
         return None
-    p[moving] = u / rest * largest / unit[moving]
+    p[moving] = refine(scaled, h, u / rest) * largest / unit[moving]
+    return p
+
+
+def refine(A: Array, b: Array, p: Array) -> Array:
+    """Return a solution (k,) of the problem of :func:`solve_complementarity`, from an approximate one.
+
+    Principal pivoting with the least index from the set of p > 0 (Murty, *Linear Complementarity, Linear and Nonlinear
+    Programming*, 1988, section 4.1), if p is not a solution: least squares are not accurate for light bodies between
+    heavy ones. A has a unit diagonal. Rows that depend on each other may have no such set: p is returned.
+    """
+    rest = A @ p - b
+    active = p > 0.0
+    if np.all(np.where(active, np.abs(rest), -rest) <= UNSOLVED):
+        return p
+    for _ in range(MAX_PIVOTS * len(b)):
+        found = np.zeros(len(b))
+        found[active] = np.linalg.lstsq(A[np.ix_(active, active)], b[active])[0]
+        rest = A @ found - b
+        wrong = np.flatnonzero(np.where(active, found < 0.0, rest < -UNSOLVED))
+        if not len(wrong):
+            return found
+        active[wrong[0]] = not active[wrong[0]]
     return p
 
 

@@ -99,8 +99,11 @@ class LockedJoints:
         locks = self._compiled.locks
         self._continue_with(locks.held, v, tuple(sorted((*locks.held_stops, stop))))
 
-    def lock(self, number: int, name: str, event: str) -> Diagnostic | None:
-        """Lock the joint of a body, which is not locked; return why the run cannot continue, None: it can."""
+    def lock(self, number: int, name: str, event: str, value: float | None = None) -> Diagnostic | None:
+        """Lock the joint of a body, which is not locked; return why the run cannot continue, None: it can.
+
+        ``value`` is where its coordinate is, but for the error of the solver; None: it remains at its present value.
+        """
         run, compiled = self._run, self._compiled
         t, q, v = run.stepper.t, run.q, run.v
         body = compiled.data.arrays.bodies[number]
@@ -120,7 +123,7 @@ class LockedJoints:
                 time=t,
                 subject=name,
             )
-        held = compiled.locks.held | {number: float(q[int(body["qf"])])}
+        held = compiled.locks.held | {number: float(q[int(body["qf"])]) if value is None else value}
         self._continue_with(held, v, compiled.locks.held_stops)
         return None
 

@@ -37,11 +37,13 @@ from .event_search import CrossingSearch
 from .impulses import Impacts, UndeterminedJumpError, solve_complementarity, velocity_jump
 from .kernels.event_points import MAX_MOTION, MAX_POINTS_PER_STEP, POINTS_PER_STEP, TIME_ACCURACY_RATIO
 from .stepper_run import StepperRun
+from .touched_stops import SAME_PLACE_RATIO
 
 if TYPE_CHECKING:
     from .locked_joints import LockedJoints
 
-SAME_PLACE_RATIO = 16.0 * np.finfo(float).eps  # relative difference of a sensor and its stop that is none
+# Acceleration towards a stop, relative to the largest one, that is none: rounding errors at mass ratios up to 1e5
+NO_ACCELERATION_RATIO = 1e5 * np.finfo(float).eps
 MAX_ROOT_ITERATIONS = 100  # bisection alone needs 60
 
 
@@ -86,6 +88,10 @@ class RestingStops:
         self._rows = np.array([-1 if row is None else row for row in rows], np.int64)
         self._restitutions = np.array([event.bounce.restitution for event in events if event.bounce])
 
+    def values(self) -> list[float]:
+        """Return the values of the stops (k,)."""
+        return [event.value for event in self._events]
+
     def can_hold(self, stop: int) -> bool:
         """Whether a stop can hold what rests on it."""
         return bool(self._joints[stop] >= 0 or self._rows[stop] >= 0)
@@ -103,7 +109,7 @@ class RestingStops:
         for k in self._find_resting(stops):
             event, body = self._events[k], int(self._joints[k])
             if body >= 0:
-                reason = self._locked.lock(body, event.name, event.name)
+                reason = self._locked.lock(body, event.name, event.name, event.value)
                 if reason is not None:
                     return reason
             else:
@@ -158,16 +164,21 @@ class RestingStops:
         approach, effects = self._approach(stops, a), slopes @ responses.T
         rtol, size = run.stepper.options.rtol, compiled.system.size
         ends = np.maximum(1.0 - self._restitutions[stops], rtol)
-        resolved = rtol * np.linalg.norm(slopes[:, : len(size)] * size, axis=1)
+        units = np.linalg.norm(slopes[:, : len(size)] * size, axis=1)
+        resolved = rtol * units
+        largest = float(np.max(np.abs(a[: len(size)]) / size, initial=0.0))  # acceleration, in units of the coordinates
+        rounding = NO_ACCELERATION_RATIO * largest * units
         rests = []
         for i in range(len(stops)):
             others = np.arange(len(stops)) != i
             p = solve_complementarity(effects[np.ix_(others, others)], approach[others])
             pressed = approach[i] - effects[i, others] @ p if p is not None else 0.0
-            if pressed > 0.0 and 2.0 * leaving[i] ** 2 <= pressed * ends[i] * resolved[i]:
+            if pressed > rounding[i] and 2.0 * leaving[i] ** 2 <= pressed * ends[i] * resolved[i]:
                 rests.append(i)
         p = solve_complementarity(effects[np.ix_(rests, rests)], approach[rests])
-        return [] if p is None else [stops[i] for i, force in zip(rests, p, strict=True) if force > 0.0]
+        if p is None:
+            return []
+        return [stops[i] for i, force in zip(rests, p, strict=True) if force * effects[i, i] > rounding[i]]
 
     def _approach(self, stops: list[int], a: Array) -> Array:
         """Return the accelerations (k,) of sensors towards their stops, at accelerations a (n,) of the coordinates."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from mbfmu.mechanics.events import Event
 from mbfmu.util.diagnostics import Diagnostic
 
 COARSE_ERROR = 100.0  # tolerances times the growth of errors of the motion: what counts as right in tests
@@ -153,3 +154,14 @@ def filled(template: Diagnostic, *, time: float | None = None, subject: str = ""
     """Return a diagnostic of a template, at a time (s) or of no time."""
     text, remedy = template.text.format(**values), template.remedy.format(**values)
     return replace(template, text=text, remedy=remedy, time=time, subject=subject or template.subject)
+
+
+def describe_earlier_events(events: list[Event], t: float) -> list[Diagnostic]:
+    """Return a note if events of given times do not occur because a run starts later, at t (s)."""
+    earlier = [event for event in events if event.sensor is None and event.time < t]
+    if not earlier:
+        return []
+    given = ", ".join(f"{event.name!r} (t = {event.time:.9g} s)" for event in earlier)
+    text = f"events of times before the start of the run at t = {t:.9g} s do not occur: {given}"
+    remedy = "Start the run earlier, or give these events later times"
+    return [Diagnostic.note("earlier-event", text, remedy, time=t, subject=earlier[0].name)]

@@ -26,12 +26,12 @@ from solvers.steppers.guard import GuardedStepper
 
 from .element_monitor import ElementMonitor
 from .energy_check import EnergyCheck
-from .events import RunEvents, Setters, describe_earlier_events
+from .events import RunEvents, Setters
 from .failure_diagnosis import explain_rates, find_undetermined_rates, free_rates
 from .kept_starts import KeptStart, MemoryImage, Start
 from .kernels.points import Session, begin_session
 from .locked_joints import LockedJoints
-from .run_messages import SINGULAR_START, filled
+from .run_messages import SINGULAR_START, describe_earlier_events, filled
 from .run_progress import RunProgress
 from .solver_selection import SolverChoice, limit_order, select_solver
 from .step_count import StepCountCheck
