@@ -10,7 +10,9 @@ import pytest
 
 import mbfmu as mb
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.modeling.settings import Settings
 from mbfmu.native.exchange_states import describe_real_kernels
+from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import UserError
 
 FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "exp", "sqrt", "arctan")} | {"abs": np.abs}
@@ -82,6 +84,30 @@ def test_random_expressions_of_sensors_have_the_values_of_numpy(links: int) -> N
     for name, text in texts.items():
         expected = 2.0 * eval(text, dict(FUNCTIONS), values) + 1.0
         np.testing.assert_allclose(result[name], expected, rtol=1e-12, atol=1e-12, err_msg=text)
+
+
+@pytest.mark.parametrize("solver", ["adams", "ida", "radau"])
+def test_events_of_expressions_with_time_and_inputs_are_located(solver: str) -> None:
+    """Closed forms: x = t meets t^2 / 2 + u at 2 (1 - 0.3) for u = 0.3 t; zeros of sin(7 t). A jump of the input across
+    the position is no event; after it, u = -3, they meet at 1 + sqrt(7).
+    """
+    m, body = cart(0.0)
+    m.event("push", at=0.0, then=mb.Impulse(body, 2.0))
+    target = mb.Input(name="target", unit="m", start=0.0)
+    gap = m.expression("x - 0.5 * t * t - u", uses={"x": body.coordinate(), "u": target}, unit="m")
+    m.event("meet", gap)
+    m.event("clock", m.expression("sin(7 * t)"), within=0.2)
+    result = mb.simulate(m, 2.5, solver=solver, tolerance=1e-9, inputs={"target": "0.3 * t"})
+    times = {name: [e.time for e in result.events if e.name == name] for name in ("meet", "clock")}
+    np.testing.assert_allclose(times["meet"], [1.4], atol=1e-7)
+    np.testing.assert_allclose(times["clock"], np.pi / 7.0 * np.arange(1, 6), atol=1e-9)
+    simulation = Simulation(m, Settings(solver=solver, tolerance=1e-9))
+    simulation.advance(1.0)
+    for value, end in ((0.7, 1.2), (-3.0, 4.0)):  # the gap jumps from 0.5 to -0.2, and back
+        simulation.set_input("target", value)
+        simulation.advance(end)
+    found = [e.time for e in simulation.events if e.name == "meet"]
+    np.testing.assert_allclose(found, [1.0 + np.sqrt(7.0)], atol=1e-7)
 
 
 def test_events_of_expressions_are_located() -> None:
@@ -175,7 +201,10 @@ def test_inputs_in_which_a_model_is_not_linear_are_known() -> None:
         (lambda m, body: m.expression("x", uses={"x": body.rate(), "y": 1.0}), "has 'y', which the law does not"),
         (lambda m, body: m.expression("x", uses={"x": cart()[1].rate()}), "which is not a body of this mechanism"),
         (lambda m, body: m.expression("2 * t", unit="foo"), "unit is 'foo'"),
-        (lambda m, body: m.event("e", m.expression("t")), "Expression"),
+        (
+            lambda m, body: m.event("e", m.expression("t + a", uses={"a": body.acceleration()})),
+            "Expression, whose value depends on forces or",
+        ),
         (
             lambda m, body: mb.JointForce(m.expression("2 * a", uses={"a": body.acceleration()})),
             "Expression, whose value depends on forces or",

@@ -42,8 +42,8 @@ class Events(Delays):
             Unique name among the events.
         sensor
             Quantity that crosses the value: a sensor of positions, velocities or first-order states, such as
-            ``arm.angle()``, or an :meth:`expression` of these. A value that it has at the start of the run, or that it
-            touches without crossing it, is no event.
+            ``arm.angle()``, or a block or an :meth:`expression` of these, of the time and of inputs. A value that it
+            has at the start of the run, or that it touches without crossing it, is no event.
         crosses
             The value, in the unit of the sensor.
         direction
@@ -85,11 +85,11 @@ class Events(Delays):
                 raise UserError(f"sensor of {what} is {short(sensor)}; allowed: a sensor, such as Body.angle()")
             check_element_type(f"sensor of {what}", sensor, Sensor)
             self._check_sensor(f"sensor of {what}", sensor)
-            if not sensor.is_kinematic:
+            if not (sensor.is_kinematic or getattr(sensor, "is_block_output", False)):
                 raise UserError(
                     f"sensor of {what} is of class {type(sensor).__name__}, whose value depends on forces or "
-                    "accelerations, or on time or inputs; allowed: sensors of positions, velocities and states, and "
-                    "expressions and blocks of these. Use one of these"
+                    "accelerations; allowed: sensors of positions, velocities and states, and expressions and blocks "
+                    "of these, of time and of inputs. Use one of these"
                 )
         if direction not in DIRECTIONS:
             raise UserError(f"direction of {what} is {direction!r}; allowed: {', '.join(map(repr, DIRECTIONS))}")

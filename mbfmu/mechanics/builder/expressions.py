@@ -32,8 +32,8 @@ class Expressions(States):
         Returns
         -------
         Sensor
-            An output. With sensors of positions and velocities, states and blocks only, also the quantity of an
-            :meth:`event`, and, in addition with time and inputs, an argument of laws, of forces and of blocks.
+            An output. Without sensors of forces and accelerations also the quantity of an :meth:`event`, and an
+            argument of laws, of forces and of blocks.
 
         Raises
         ------
