@@ -10,10 +10,12 @@ import pytest
 from mechanisms import n_four_bar
 from scipy.linalg import lstsq
 from scipy.spatial.transform import Rotation
+from test_elimination import random_mechanism
 
 import mbfmu as mb
+from mbfmu.mechanics import CompiledMechanism
 from mbfmu.modeling.model import as_model
-from mbfmu.session.impulses import UndeterminedJumpError, velocity_jump
+from mbfmu.session.impulses import EliminatedJumps, UndeterminedJumpError, velocity_jump
 
 LINKS, REACH = 72, 5  # number of links; difference of the numbers of those that are connected
 LOOPS = 31  # of a row of four-bars, which moves as one rod
@@ -119,6 +121,24 @@ def test_the_jump_is_that_in_absolute_coordinates(scale: float) -> None:
     np.testing.assert_allclose(jumps, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
     energies = [compiled.energy(0.0, q, rates) for rates in (jumps[0], jumps.sum(axis=0))]
     assert energies[1] - energies[0] == pytest.approx(p[1] @ (jumps[0] + 0.5 * jumps[1]), rel=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_jump_of_random_mechanisms(seed: int) -> None:
+    """All kinds of joints and cut joints, one joint driven, equations that depend on each other, and a gear, at any
+    velocities. Reference: a basis of the allowed motions from the singular value decomposition of J.
+    """
+    compiled, rng = CompiledMechanism(random_mechanism(seed)), np.random.default_rng(seed)
+    system = compiled.system
+    q, v, p = compiled.assembly.start_positions(), rng.normal(size=system.n), rng.normal(size=(2, system.n))
+    system.apply(q, rng.normal(size=system.n))
+    terms = system.allocate_terms()
+    system.fill(0.3, q, v, terms)
+    _, sigma, rows = np.linalg.svd(terms.J * system.size)
+    free = system.size[:, np.newaxis] * rows[np.count_nonzero(sigma > 1e-9 * sigma[0]) :].T
+    expected = p @ free @ np.linalg.inv(free.T @ terms.M @ free) @ free.T
+    jumps = EliminatedJumps(system, 0.3, q, v).find(0.3, q, v, p, 1e-7)
+    np.testing.assert_allclose(jumps, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 def row(angle: float) -> tuple[Any, Any, Any, Any]:

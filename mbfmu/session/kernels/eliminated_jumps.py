@@ -41,7 +41,8 @@ def project_impulse(
 ) -> bool:
     """work.tau (n,) <- -p without its part that no allowed motion follows; False: nothing is left of p (n,).
 
-    The projection is that of velocities that differ from v by the impulses, in units of the coordinates.
+    The projection is the difference of the corrections of v and of velocities that differ from v by the impulses, in
+    units of the coordinates: v may be inconsistent, as where the rate of a drive has just jumped.
     """
     size, moving, largest, speed, left = work.size, count_velocities(work.positions, p.shape[0]), 0.0, 0.0, 0.0
     for i in range(moving):
@@ -49,12 +50,16 @@ def project_impulse(
     if largest == 0.0:
         return False
     speed = speed if speed > 0.0 else 1.0
+    find_velocity_correction(eqs, t, q, v, drop, work)
+    for i in range(p.shape[0]):
+        work.a_near[i] = work.change[i]
     for i in range(p.shape[0]):
         part = size[i] * p[i] / largest if i < moving else 0.0
         work.v_near[i] = v[i] + speed * size[i] * part
     find_velocity_correction(eqs, t, q, work.v_near, drop, work)
     for i in range(p.shape[0]):
-        part = size[i] * p[i] / largest + work.change[i] / (speed * size[i]) if i < moving else 0.0
+        normal = (work.a_near[i] - work.change[i]) / (speed * size[i])
+        part = size[i] * p[i] / largest - normal if i < moving else 0.0
         left = max(left, abs(part))
         work.tau[i] = -part * largest / size[i]
     return left > DEPENDENT_ROW_RATIO
