@@ -26,10 +26,8 @@ from mbfmu.mechanics import (
 from mbfmu.native.exchange_states import explain_missing_exchange
 from mbfmu.session.simulation import Settings, Simulation, UnstartedSimulation
 from mbfmu.sheets import NipHandle, Wall, add_contact, add_nip, add_sheet
-from mbfmu.sheets.contact.anchors import map_anchor
-from mbfmu.sheets.contact.scratch import ContactScratch
+from mbfmu.sheets.contact.bristles import ANCHOR_SIZE, FIRST_ANCHOR
 from mbfmu.sheets.contact.surface_contact import SurfaceContact
-from mbfmu.sheets.contact.surface_force import SurfaceContactRecord
 from mbfmu.util.errors import UserError
 
 from .random_mechanisms import random_rotation
@@ -39,6 +37,7 @@ LENGTH, WIDTH, THICKNESS, DENSITY = 0.3, 0.03, 2e-3, 800.0
 DEFLECTION, CREEP = 1e-4, 1e-2  # m, m/s
 WEIGHT = DENSITY * LENGTH * WIDTH * THICKNESS * GRAVITY  # N
 SLIDES = FRICTION * GRAVITY  # m/s^2, acceleration that friction gives at most
+SECOND = FIRST_ANCHOR + ANCHOR_SIZE  # place of the second anchor of the first point in the history of a contact
 Motion = Callable[[float], float]
 
 
@@ -225,8 +224,8 @@ def test_trials_of_solvers_leave_no_bristles() -> None:
     np.testing.assert_array_equal(history, chosen.compiled.histories[0])
     first = int(auto.compiled.records(SurfaceContact)["history"][0])
     assert history[first] == 0.0
-    assert history[first + 6] == 1.0
-    assert history[first + 7] == 0.0  # x of the first point
+    assert history[first + SECOND] == 1.0
+    assert history[first + SECOND + 1] == 0.0  # x of the first point
 
 
 def test_model_exchange_is_refused_with_the_reason() -> None:
@@ -245,7 +244,7 @@ def test_anchors_are_those_of_the_end_of_a_step(solver: str, nodes: int) -> None
     history = simulation.compiled.histories[0][first:]
     t = history[0]
     assert t == simulation.stepper.own_time
-    is_anchored, x, *_ = history[6:10]
+    is_anchored, x, *_ = history[SECOND : SECOND + 4]
     assert is_anchored
     assert x == pytest.approx(v * t - 0.5 * SLIDES * t**2 - DEFLECTION, abs=1e-3 * DEFLECTION)
 
@@ -340,22 +339,6 @@ def test_bristles_leave_a_nip_that_turns(speed: float) -> None:
     found = run(in_nip(0.7, speed)[0], 0.5, 0.1, tolerance=1e-6)
     expected = 0.7 / (1.0 / speed + 1.0 / np.hypot(CREEP, 2e-3 * speed))
     assert found["slip"][-1] == pytest.approx(expected, rel=1e-3)
-
-
-def test_the_anchor_of_a_point_follows_on_a_tractrix() -> None:
-    """A point that is drawn along a straight line: tan(phi / 2) = tan(phi_0 / 2) exp(-s / d)."""
-    contact, here, numbers = SurfaceContactRecord.zeros(1)[0], ContactScratch.zeros(1)[0], np.zeros(20)
-    contact["deflection"], here["n"] = DEFLECTION, (0.0, 1.0, 0.0)
-    numbers[:4] = 1.0, 0.0, 0.0, 0.0
-    steps = 3000
-    for k in range(steps + 1):
-        here["p"] = 1e-3 * k * DEFLECTION, 0.3, DEFLECTION
-        map_anchor(contact, 0, 4, numbers, here)
-        numbers[:4] = numbers[4:8]
-    trailing = here["p"] - numbers[1:4]
-    assert np.hypot(trailing[0], trailing[2]) == pytest.approx(DEFLECTION)
-    phi = np.arctan2(trailing[2], trailing[0])
-    assert np.tan(0.5 * phi) == pytest.approx(np.exp(-1e-3 * steps), rel=2e-3)
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-5, np.nan])

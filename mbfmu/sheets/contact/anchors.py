@@ -14,11 +14,14 @@ from solvers.compiled.kernel import kernel
 from .breakaway import longest_deflecting_step, time_to_corner
 from .bristles import (
     ANCHOR_SIZE,
+    BEGINNING,
     IS_ANCHORED,
     POINT_HISTORY_SIZE,
+    POINT_PLACE,
     SLIP,
     TIME,
     anchor_place,
+    deflected_part,
     replaces_last_step,
 )
 from .patch import evaluate_center, evaluate_line, evaluate_on_line, evaluate_weights, point_velocity
@@ -40,6 +43,8 @@ def move_anchors(contact: SurfaceContactRecord, taken: float, arrays: Arrays, st
     here, bodies, numbers, longest = contact_scratch(contact, state), state.bodies, arrays.numbers, np.inf
     head, t = contact.history, state.time[0]
     replaces = replaces_last_step(numbers[head + TIME], t, taken)
+    if not replaces:
+        numbers[head + BEGINNING] = numbers[head + TIME]
     numbers[head + TIME] = t
     evaluate_center(contact, bodies, here.r)
     separated = is_separated(contact, gap(contact, arrays, state), bodies, here)
@@ -58,12 +63,13 @@ def move_anchors(contact: SurfaceContactRecord, taken: float, arrays: Arrays, st
             if not separated:
                 evaluate_on_line(here.line, k / nz, here.r)
                 if gap(contact, arrays, state) < 0.0 and here.part > 0.0:
-                    sticks = map_anchor(contact, before, after, numbers, here)
                     evaluate_weights(contact, i / nx, k / nz, here.c)
                     point_velocity(contact, here.c, bodies, here.v)
+                    find_slip(bodies[contact.body], here)
+                    sticks = map_anchor(contact, before, after, t - numbers[head + BEGINNING], numbers, here)
                     since = taken if numbers[before] == 1.0 else np.inf  # in contact
                     anchor, last = numbers[after : before + SLIP], numbers[before + SLIP : before + POINT_HISTORY_SIZE]
-                    limit = longest_slip_step(contact, sticks, since, anchor, last, bodies[contact.body], here)
+                    limit = longest_slip_step(contact, sticks, since, anchor, last, here)
                     longest = min(longest, limit)
             is_anchored += numbers[before] + numbers[after]
     numbers[head + IS_ANCHORED] = 1.0 if is_anchored > 0.0 else 0.0
@@ -71,48 +77,61 @@ def move_anchors(contact: SurfaceContactRecord, taken: float, arrays: Arrays, st
 
 
 @kernel
-def map_anchor(contact: SurfaceContactRecord, before: int, after: int, numbers: Reals, here: ContactScratch) -> bool:
-    """Anchor at ``after`` of a point in contact at here.p by the one at ``before``, both places in ``numbers``; return
-    whether it has not moved.
+def find_slip(body: MotionRecord, here: ContactScratch) -> None:
+    """here.v <- slip velocity of the point at here.r with the velocity here.v, in the axes of the surface."""
+    v, n, A, leaving = here.v, here.n, body.A, 0.0
+    subtract_surface_velocity(body, here)
+    for j in range(3):
+        leaving += v[j] * here.f[j]
+    x, y, z = v[0], v[1], v[2]
+    for j in range(3):
+        v[j] = A[0, j] * x + A[1, j] * y + A[2, j] * z - leaving * n[j]
+
+
+@kernel
+def map_anchor(
+    contact: SurfaceContactRecord, before: int, after: int, taken: float, numbers: Reals, here: ContactScratch
+) -> bool:
+    """Anchor at ``after`` of a point in contact at here.p with the slip velocity here.v by the one at ``before``, both
+    places in ``numbers``, after ``taken`` (s); return whether it has not moved.
     """
-    p, n = here.p, here.n  # axes of the surface
-    numbers[after] = 1.0
-    if numbers[before] == 0.0:
+    p, n, d = here.p, here.n, contact.deflection
+    slip = here.v[0], here.v[1], here.v[2]
+    x, y, z = deflected_part(contact, numbers[before : before + ANCHOR_SIZE], taken, p, n, slip)
+    numbers[after], sticks = 1.0, True
+    if numbers[before] == 1.0:
+        normal, square = 0.0, 0.0
         for j in range(3):
-            numbers[after + 1 + j] = p[j]
-        return True
-    normal, square = 0.0, 0.0
+            normal += (p[j] - numbers[before + 1 + j]) * n[j]
+        for j in range(3):
+            square += (p[j] - numbers[before + 1 + j] - normal * n[j]) ** 2
+        sticks = bool(square <= d * d)
     for j in range(3):
-        normal += (p[j] - numbers[before + 1 + j]) * n[j]
-    for j in range(3):
-        square += (p[j] - numbers[before + 1 + j] - normal * n[j]) ** 2
-    size, d = np.sqrt(square), contact.deflection
-    for j in range(3):
-        a = numbers[before + 1 + j]
-        if size > d:
-            a = p[j] - d / size * (p[j] - a - normal * n[j])
-        numbers[after + 1 + j] = a
-    return bool(size <= d)
+        numbers[after + POINT_PLACE + j] = p[j]
+    if sticks and numbers[before] == 1.0:
+        for j in range(1, POINT_PLACE):
+            numbers[after + j] = numbers[before + j]
+    else:
+        numbers[after + 1], numbers[after + 2], numbers[after + 3] = p[0] - d * x, p[1] - d * y, p[2] - d * z
+    return sticks
 
 
 @kernel
 def longest_slip_step(
-    contact: SurfaceContactRecord, sticks: bool, taken: float, anchor: Reals, last: Reals, body: MotionRecord,
-    here: ContactScratch,
-) -> float:  # fmt: skip
-    """Longest next step after one of ``taken`` by a point at here.r with the velocity here.v, s.
+    contact: SurfaceContactRecord, sticks: bool, taken: float, anchor: Reals, last: Reals, here: ContactScratch
+) -> float:
+    """Longest next step after one of ``taken`` by a point at here.p with the slip velocity here.v, s.
 
     ``anchor`` is its anchor. ``last`` (3,) is its slip velocity at the end of the step before, and then at the end of
     this one, in the axes of the surface.
     """
-    d, scale, v, p, n, A = contact.deflection, contact.friction_velocity, here.v, here.p, here.n, body.A
-    subtract_surface_velocity(body, here)
-    leaving, off = 0.0, 0.0
+    d, scale, v, p, n = contact.deflection, contact.friction_velocity, here.v, here.p, here.n
+    off = 0.0
     for j in range(3):
-        leaving, off = leaving + v[j] * here.f[j], off + (p[j] - anchor[1 + j]) * n[j]
+        off += (p[j] - anchor[1 + j]) * n[j]
     uu, ur, rr, vv, aa = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(3):
-        slip = A[0, j] * v[0] + A[1, j] * v[1] + A[2, j] * v[2] - leaving * n[j]
+        slip = v[j]
         a = (slip - last[j]) / taken
         u, r = (p[j] - anchor[1 + j] - off * n[j]) / d + slip / scale, a / scale + (slip / d if sticks else 0.0)
         uu, ur, rr, vv, aa = uu + u * u, ur + u * r, rr + r * r, vv + slip * slip, aa + a * a

@@ -10,9 +10,9 @@ sheet carry bristles out of the contact:
 
     z' = (s - |v_roller| z) / d,    z = P((z_0 + D / d) / (1 + r / d)),
 
-by the implicit Euler method, where D is the integral of s and r that of |v_roller| since the step began. D is the
-displacement of the material under the station less that of the roller's surface. In steady rolling z = s / |v_roller|
-is small, and the traction is that of s / S.
+by the implicit Euler method, and P along the path of the material (:mod:`.sliding`), where D is the integral of s and r
+that of |v_roller| since the step began. D is the displacement of the material under the station less that of the
+roller's surface. In steady rolling z = s / |v_roller| is small, and the traction is that of s / S.
 
 **History** of a nip, which its cells share, in ``Arrays.numbers``: TIME of the end of the last accepted step, and its
 STEP_LENGTH, s; and for every station, of the roller and of the idler, two bristles, of the beginning and of the end of
@@ -38,6 +38,7 @@ from .breakaway import longest_deflecting_step, time_to_corner
 from .bristles import limit_to_unit, replaces_last_step
 from .patch import apply_reaction
 from .scratch import MOVE_ANCHORS
+from .sliding import draw_bristle
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import MotionRecord
@@ -79,10 +80,12 @@ def begin_history(nip: NipRecord, t: float, taken: float, numbers: Reals) -> Non
 
 @kernel
 def evaluate_bristle(
-    nip: NipRecord, at: int, R: float, xi: float, zeta: float, numbers: Reals, body: MotionRecord, here: Any
-) -> Any:
-    """z along d and e, by the bristle at ``at``, of a station at the material (xi, zeta) on a body whose surface is at
-    R n from its axis; the derivatives of the point by xi and zeta are in here.rx and here.rz.
+    nip: NipRecord, at: int, R: float, xi: float, zeta: float, slip: Any, taken: float, numbers: Reals,
+    body: MotionRecord, here: Any,
+) -> Any:  # fmt: skip
+    """z along d and e, by the bristle at ``at`` of ``taken`` (s) before, of a station at the material (xi, zeta) with
+    this slip (m/s) on a body whose surface is at R n from its axis; the derivatives of the point by xi and zeta are in
+    here.rx and here.rz.
     """
     zero = 0.0 * here.r[0]
     if numbers[at].real == 0.0:
@@ -99,10 +102,10 @@ def evaluate_bristle(
         return zero, zero
     angle, per_sine = find_angle(turned_d, turned_e, turned_n)
     kept, d = 1.0 + abs(R) * angle / nip.deflection, nip.deflection
-    x = (numbers[at + 6] + (moved_d - R * per_sine * turned_d) / d) / kept
-    y = (numbers[at + 7] + (moved_e - R * per_sine * turned_e) / d) / kept
-    x, y, _ = limit_to_unit(x, y, zero)
-    return x, y
+    z = numbers[at + 6] / kept, numbers[at + 7] / kept
+    kept *= d
+    moved = (moved_d - R * per_sine * turned_d) / kept, (moved_e - R * per_sine * turned_e) / kept
+    return draw_bristle(z, moved, (slip[0] / kept, slip[1] / kept), taken)
 
 
 @kernel
@@ -175,8 +178,11 @@ def find_friction_direction(
         root = np.sqrt(sd * sd + se * se + least * least + creep * creep * speed)
         return sd, se, root
     before = bristle_place(nip, station, which)
-    at = before + BRISTLE_SIZE if t > numbers[nip.history + TIME].real else before
-    z_d, z_e = evaluate_bristle(nip, at, R, xi, zeta, numbers, body, here)
+    last = numbers[nip.history + TIME].real
+    at, taken = before, numbers[nip.history + STEP_LENGTH].real
+    if t > last:
+        at, taken = before + BRISTLE_SIZE, t - last
+    z_d, z_e = evaluate_bristle(nip, at, R, xi, zeta, (sd, se), taken, numbers, body, here)
     scale = np.sqrt(least * least + creep * creep * speed)
     if here.accumulate_only == MOVE_ANCHORS:
         store_bristle(nip, before + BRISTLE_SIZE, xi, zeta, (z_d, z_e), (sd, se), numbers, body)

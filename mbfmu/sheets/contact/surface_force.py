@@ -214,7 +214,7 @@ def point_force(
         if contact.deflection.real > 0.0:
             friction = contact.friction * N
             point = i * (contact.samples[1] + 1) + k
-            result[4] -= friction * find_friction_direction(contact, point, t, arrays.numbers, body, here.p, f, v)
+            result[4] -= friction * find_friction_direction(contact, point, t, arrays.numbers, body, here.p, here.n, v)
         else:
             square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
             friction = contact.friction * N / np.sqrt(square + contact.friction_velocity * contact.friction_velocity)
