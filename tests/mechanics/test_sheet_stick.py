@@ -129,6 +129,20 @@ def test_a_sheet_on_a_slope_rests_for_an_hour(solver: str, size: float, tilted: 
     assert np.abs(way[1:] - way[1]).max() < 1e-6 * DEFLECTION
 
 
+@pytest.mark.parametrize("solver", ["esdirk", "ida"])
+def test_steps_of_a_sheet_that_sticks_are_as_long_as_without_friction(solver: str) -> None:
+    """From 1 s to 1 h, after the motion in which it comes to rest."""
+    count = []
+    for slope, law in ((0.0, {"friction": 0.0}), (np.arctan(0.7 * FRICTION), {"static": 0.4, "stribeck": 0.01})):
+        m = on_table(slope=slope, law=law | {"deflection": DEFLECTION})
+        simulation = Simulation(m, Settings(solver=solver, tolerance=1e-4))
+        assert simulation.advance(1.0).ok
+        before = simulation.stepper.statistics.steps
+        assert simulation.advance(3600.0).ok
+        count.append(simulation.stepper.statistics.steps - before)
+    assert count[1] <= count[0] + 2
+
+
 def test_a_sheet_slides_down_a_steep_slope() -> None:
     """Above the angle of friction: g (sin a - mu cos a)."""
     slope = np.arctan(1.5 * FRICTION)
