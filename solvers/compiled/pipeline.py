@@ -111,18 +111,21 @@ def _oldest_machine() -> Any:
 
 @contextmanager
 def shortened() -> Iterator[None]:
-    """Shorten what is compiled in this block, in which the lock of the compiler is held."""
+    """Shorten what is compiled in this block, in which the lock of the compiler is held.
+
+    A finalizer may compile a kernel while this block begins or ends: it counts as shortened only if all is replaced.
+    """
     if _is_shortened[0]:
         yield
         return
-    _is_shortened[0] = True
     with ExitStack() as stack:
-        stack.callback(_is_shortened.__setitem__, 0, False)
         stack.callback(gc.set_threshold, *gc.get_threshold())
         gc.set_threshold(*GARBAGE_COLLECTION_THRESHOLDS)
         for place, name, value in _replacements():
             stack.callback(setattr, place, name, vars(place)[name])
             setattr(place, name, value)
+        stack.callback(_is_shortened.__setitem__, 0, False)
+        _is_shortened[0] = True
         yield
 
 

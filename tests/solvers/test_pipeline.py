@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from numba.core import ir
 from numba.core.compiler import Flags, run_frontend
+from numba.core.registry import cpu_target
 from numba.extending import overload
 
 from solvers.compiled.kernel import COMPILED, jit_uncached
-from solvers.compiled.pipeline import shortened
+from solvers.compiled.pipeline import KernelLibrary, shortened
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="without a compiler")
 
@@ -67,6 +68,25 @@ def test_thresholds_of_the_garbage_collection_are_restored() -> None:
     with pytest.raises(ZeroDivisionError), shortened():
         1 / 0  # noqa: B018
     assert gc.get_threshold() == before
+
+
+def test_a_finalizer_may_compile_while_it_begins_or_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator, libraries = type(cpu_target.target_context.codegen()), []
+    set_threshold = gc.set_threshold
+
+    def collect(*thresholds: int) -> None:
+        set_threshold(*thresholds)
+        monkeypatch.undo()  # a collection that executes the finalizer
+        with shortened():
+            libraries.append(generator._library_class)
+        monkeypatch.setattr(gc, "set_threshold", collect)
+
+    monkeypatch.setattr(gc, "set_threshold", collect)
+    before = generator._library_class
+    with shortened():
+        assert generator._library_class is KernelLibrary
+    assert libraries == [KernelLibrary, KernelLibrary]
+    assert generator._library_class is before
 
 
 @pytest.mark.parametrize("changes", [{}, {"nrt": False}, {"nrt": True}, {"error_model": "numpy"}, {"inline": "always"}])
