@@ -116,6 +116,17 @@ def test_a_run_that_fails_ends_in_an_error_with_a_time() -> None:
     assert result.problems == [error]
 
 
+def test_friction_is_named_as_a_cause_of_too_many_steps() -> None:
+    for friction in (False, True):
+        m = mb.Mechanism(gravity=(0, -9.81, 0))
+        arm = m.body("bar", m.ground, mb.Revolute(start=1.0), **mb.rod(mass=1.0, length=1.0))
+        if friction:
+            m.force("bearing", mb.JointFriction(coulomb=0.1), arm)
+        error = mb.simulate(m, 20.0, interval=10.0, solver="radau", max_steps=5).diagnostics[-1]
+        assert error.code == "too-many-steps"
+        assert ("friction" in error.remedy) == friction
+
+
 # ---- files --------------------------------------------------------------------------------------------------------
 
 

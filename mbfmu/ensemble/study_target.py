@@ -128,6 +128,8 @@ class ModelTarget:
             source = {"reference": scene.reference}
         else:
             source = {"pickled": dump(model)}
+        if "pickled" not in source:
+            model.require_parameters("the study")
         if model.replaced_inputs and "pickled" not in source:
             source["inputs"] = dump(model.replaced_inputs)
         about: dict[str, Any] = {"values": values, "settings": scene.settings, "stop_time": scene.stop_time}

@@ -140,6 +140,8 @@ def export_scene(
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
     check_writable(path)
+    if kind is not FmuKind.ONE_RUN:
+        scene.model.require_parameters("the FMU")
     if kind is not FmuKind.PYTHON:
         try:
             _write_native(scene, path, kind, fmi, platforms, report)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, dataclass, replace
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -219,6 +219,31 @@ class Model:
     def parameters(cls) -> tuple[Parameter, ...]:
         """Return the declared parameters in order."""
         return declared(cls)  # type: ignore[arg-type]  # classes are hashable
+
+    def require_parameters(self, where: str) -> None:
+        """Refuse fields that are no parameters and do not have their defaults.
+
+        Parameters
+        ----------
+        where
+            What would not contain their values, such as an FMU.
+
+        Raises
+        ------
+        UserError
+            There is one.
+        """
+        for own in fields(self):
+            value = getattr(self, own.name)
+            if own.metadata or not own.init or value is own.default:
+                continue
+            default = own.default if own.default_factory is MISSING else own.default_factory()
+            if default is MISSING or repr(value) != repr(default):
+                raise UserError(
+                    f"field {own.name!r} of model {self.name!r} is {value!r}, and no parameter: {where} would contain "
+                    f"its default instead. Declare it as a parameter, such as `{own.name}: float = "
+                    "mb.parameter(1.0)`, or make the value the default of a class derived from this one"
+                )
 
     @classmethod
     def title(cls) -> str:

@@ -202,6 +202,7 @@ def as_toml(scene: Scene) -> str:
             f"scene {scene.name!r} has a model without name or file, which a scene file cannot contain; write "
             "the model in a file"
         )
+    scene.model.require_parameters("the scene")
     settings = {name: getattr(scene.settings, name) for name in SETTING_NAMES}
     times = {name: getattr(scene, name) for name in ("stop_time", "output_interval")}
     parameters = {p.name: getattr(scene.model, p.name) for p in scene.model.parameters()}

@@ -105,7 +105,9 @@ def driven_bodies(compiled: CompiledMechanism) -> list[str]:
 
 
 def advise(compiled: CompiledMechanism, status: Status) -> str:
-    """Return what to do after a step that collapsed, or near branches, by what the model has; of other ends nothing."""
+    """Return what to do after a step that collapsed, too many steps, or near branches, by what the model has; of other
+    ends nothing.
+    """
     if status.code is Code.NOT_FINITE and len(compiled.data.state.bearings):
         return f"Friction in proportion to the reaction of a joint may have no solution here. {JAM_REMEDY}"
     if status.code is Code.COLLAPSED:
@@ -114,6 +116,8 @@ def advise(compiled: CompiledMechanism, status: Status) -> str:
             return f"Use a larger tolerance{status.alternatives}."
         what, remedies = (" or ".join(texts) for texts in zip(*causes, strict=True))
         return f"Possible cause: {what}. Possible remedy: {remedies}{status.alternatives}."
+    if status.code is Code.MAX_STEPS and (reason := compiled.system.stick_reason):
+        return f"Possible cause: {reason}. Use a larger deflection of the friction or tolerance, or increase max_steps."
     if status.code is Code.BRANCHES:
         several = (
             ", or several loops are at slightly different times" if len(compiled.mechanism.constraints) > 1 else ""

@@ -21,13 +21,14 @@ class Ball(mb.Model):
     """A ball that falls from 1 m and bounces, until a given time."""
 
     name = "bouncing_ball"
+    restitution: float = mb.parameter(RESTITUTION)
 
     def build(self) -> mb.Mechanism:
         m = mb.Mechanism(gravity=(0.0, -G, 0.0))
         push = mb.Input(name="push", unit="N", start=0.0)
         ball = m.body("ball", m.ground, mb.Translational(axis="y", start=1.0, fixed=True), mass=1.0)
         m.force("jet", mb.JointForce(push), ball)
-        m.event("floor", ball.coordinate(), direction="down", then=mb.Bounce(RESTITUTION))
+        m.event("floor", ball.coordinate(), direction="down", then=mb.Bounce(self.restitution))
         m.event("end", at=END, then=mb.EndRun())
         m.output("height", ball.coordinate())
         m.output("rate", ball.rate())
@@ -129,3 +130,23 @@ def test_a_joint_is_locked_and_released_within_communication_steps(tmp_path: Pat
                 for _ in range(k, 4):
                     fmu.step(0.5)
                 assert fmu.reals().tolist() == reached
+
+
+def test_a_ball_at_rest_is_saved_and_lifted(tmp_path: Path) -> None:
+    """Communication steps of different lengths; a second instance continues from a state in which the ball rests."""
+    settings = mb.Settings(solver="adams", tolerance=1e-8)
+    path = export(Ball(restitution=0.3), tmp_path / "ball.fmu", settings, native=False)
+    at_rest = (1.0 + 2.0 * 0.3 / 0.7) * np.sqrt(2.0 / G)  # s; 0.84
+    with Fmu(path) as first, Fmu(path) as second:
+        while first.t < at_rest:
+            first.step(0.17)
+        assert (first["height"], first["rate"]) == (0.0, 0.0)
+        state, t, second.t = first.save(), first.t, first.t
+        second.restore(state)
+        for fmu in (first, second):
+            fmu.step(0.013)
+            fmu["push"] = 1.5 * G
+            fmu.step(0.5)
+            assert fmu.t == pytest.approx(t + 0.513)
+            assert fmu["height"] == pytest.approx(0.5 * 0.5 * G * 0.5**2, rel=1e-7)
+            assert fmu["rate"] == pytest.approx(0.5 * G * 0.5, rel=1e-7)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,10 @@ import pytest
 
 from fmus.pendulum import SwingPendulum
 from mbfmu.fmi import export
-from mbfmu.mechanics import Mechanism, Revolute, SphericalCutJoint, rod
+from mbfmu.mechanics import JointSpring, Mechanism, Revolute, SphericalCutJoint, Translational, rod
 from mbfmu.modeling import Model, models
 from mbfmu.modeling.settings import Settings
+from mbfmu.session.simulation import Simulation
 from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.steppers import SOLVER_NAMES, describe_refusal, stepper
 
@@ -94,3 +95,39 @@ def test_a_steady_state_that_is_not_there_is_refused(native: bool, tmp_path: Pat
             native=native,
         )
     assert not list(tmp_path.iterdir())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shelf(Model):
+    """A body on a spring, with fields that are no parameters."""
+
+    stiffness: float = 10.0
+    places: list[float] = field(default_factory=lambda: [0.5])
+
+    def build(self) -> Mechanism:
+        m = Mechanism()
+        body = m.body("body", m.ground, Translational(axis="x", start=self.places[0], nominal=1.0), mass=1.0)
+        m.force("spring", JointSpring(stiffness=self.stiffness), body)
+        m.output("x", body.coordinate())
+        return m
+
+
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize(("given", "name"), [({"stiffness": 11.0}, "stiffness"), ({"places": [0.4]}, "places")])
+def test_values_that_an_fmu_would_not_contain_are_refused(
+    given: dict[str, Any], name: str, native: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "shelf.fmu"
+    with pytest.raises(UserError, match=f"field {name!r} of model 'shelf' is .*, and no parameter: the FMU would"):
+        export(Shelf(**given), path, Settings(solver="adams"), native=native)
+    assert not path.exists()
+
+
+def test_fields_with_their_defaults_are_exported(tmp_path: Path) -> None:
+    assert export(Shelf(), tmp_path / "shelf.fmu", Settings(solver="adams"), native=False).is_file()
+
+
+def test_states_of_models_with_other_fields_are_refused() -> None:
+    state = Simulation(Shelf(), Settings(solver="adams")).save()
+    with pytest.raises(UserError, match="state"):
+        Simulation(Shelf(stiffness=11.0), Settings(solver="adams")).restore(state)

@@ -11,7 +11,7 @@ from mbfmu.mechanics.checks import one_of, vector
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.kernel import inlined, jit_uncached, kernel
 from solvers.compiled.record import Record, Vec3, i8
 
 from .base import FIXED_IN, Points, direction
@@ -21,45 +21,55 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class PointForceRecord(Record):
-    """Parameters of :class:`PointForce`."""
+class PointRecord(Record):
+    """Where a force acts on a body, and along which axis."""
 
     a: i8
-    signal: i8
     turns: i8  # 1: the axis is of the body
     Pa: Vec3  # body axes, m
     axis: Vec3  # unit vector
 
 
-@kernel
-def apply(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`."""
+class PointForceRecord(PointRecord):
+    """Parameters of :class:`PointForce`."""
+
+    signal: i8
+
+
+class PointForceLawRecord(LawRecord, PointRecord):
+    """Parameters of :class:`PointForce` whose magnitude is a law."""
+
+
+@inlined
+def push(force: Any, f: Any, state: State) -> None:
+    """Add the force ``f``, N, at its point along its axis."""
     body = state.bodies[force.a]
-    f = signal_value(force.signal, t, arrays)
     x, y, z = arm(body, force.Pa)
     nx, ny, nz = direction(force, body)
     add_force(body.F, x, y, z, f * nx, f * ny, f * nz)
 
 
-@kernel
-def power(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> float:
-    """Force times velocity of its point."""
+@inlined
+def speed_along(force: Any, state: State) -> Any:
+    """Velocity of its point along its axis, m/s."""
     body = state.bodies[force.a]
     x, y, z = arm(body, force.Pa)
     nx, ny, nz = direction(force, body)
     Y = body.Y
     speed = nx * (Y[0] + Y[4] * z - Y[5] * y) + ny * (Y[1] + Y[5] * x - Y[3] * z)
-    speed += nz * (Y[2] + Y[3] * y - Y[4] * x)
-    return signal_value(force.signal, t, arrays) * speed
+    return speed + nz * (Y[2] + Y[3] * y - Y[4] * x)
 
 
-class PointForceLawRecord(LawRecord):
-    """Parameters of :class:`PointForce` whose magnitude is a law."""
+@kernel
+def apply(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    push(force, signal_value(force.signal, t, arrays), state)
 
-    a: i8
-    turns: i8  # 1: the axis is of the body
-    Pa: Vec3  # body axes, m
-    axis: Vec3  # unit vector
+
+@kernel
+def power(force: PointForceRecord, t: float, arrays: Arrays, state: State) -> float:
+    """Force times velocity of its point."""
+    return signal_value(force.signal, t, arrays) * speed_along(force, state)
 
 
 @cache
@@ -67,20 +77,10 @@ def kernels_of(value: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes."""
 
     def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
-        body = state.bodies[force.a]
-        f = value(force, t, arrays, state)
-        x, y, z = arm(body, force.Pa)
-        nx, ny, nz = direction(force, body)
-        add_force(body.F, x, y, z, f * nx, f * ny, f * nz)
+        push(force, value(force, t, arrays, state), state)
 
     def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
-        body = state.bodies[force.a]
-        x, y, z = arm(body, force.Pa)
-        nx, ny, nz = direction(force, body)
-        Y = body.Y
-        speed = nx * (Y[0] + Y[4] * z - Y[5] * y) + ny * (Y[1] + Y[5] * x - Y[3] * z)
-        speed += nz * (Y[2] + Y[3] * y - Y[4] * x)
-        return value(force, t, arrays, state) * speed
+        return value(force, t, arrays, state) * speed_along(force, state)
 
     return jit_uncached(apply), jit_uncached(power)
 

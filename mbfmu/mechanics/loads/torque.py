@@ -10,7 +10,7 @@ from mbfmu.mechanics.axes import unit_axis
 from mbfmu.mechanics.checks import one_of
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
-from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.kernel import inlined, jit_uncached, kernel
 from solvers.compiled.record import Record, Vec3, i8
 
 from .base import FIXED_IN, direction
@@ -20,38 +20,51 @@ if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
 
 
-class TorqueRecord(Record):
-    """Parameters of :class:`Torque`."""
+class AxisRecord(Record):
+    """On which body a torque acts, and about which axis."""
 
     a: i8
-    signal: i8
     turns: i8  # 1: the axis is of the body
     axis: Vec3  # unit vector
+
+
+class TorqueRecord(AxisRecord):
+    """Parameters of :class:`Torque`."""
+
+    signal: i8
+
+
+class TorqueLawRecord(LawRecord, AxisRecord):
+    """Parameters of :class:`Torque` whose magnitude is a law."""
+
+
+@inlined
+def turn(force: Any, torque: Any, state: State) -> None:
+    """Add ``torque``, N m, about its axis."""
+    body = state.bodies[force.a]
+    axis = direction(force, body)
+    for k in range(3):
+        body.F[3 + k] += torque * axis[k]
+
+
+@inlined
+def rate_about(force: Any, state: State) -> Any:
+    """Angular velocity about its axis, rad/s."""
+    body = state.bodies[force.a]
+    Y, axis = body.Y, direction(force, body)
+    return axis[0] * Y[3] + axis[1] * Y[4] + axis[2] * Y[5]
 
 
 @kernel
 def apply(force: TorqueRecord, t: float, arrays: Arrays, state: State) -> None:
     """See :mod:`.base`."""
-    body = state.bodies[force.a]
-    torque, axis = signal_value(force.signal, t, arrays), direction(force, body)
-    for k in range(3):
-        body.F[3 + k] += torque * axis[k]
+    turn(force, signal_value(force.signal, t, arrays), state)
 
 
 @kernel
 def power(force: TorqueRecord, t: float, arrays: Arrays, state: State) -> float:
     """Torque times angular velocity about its axis."""
-    body = state.bodies[force.a]
-    Y, axis = body.Y, direction(force, body)
-    return signal_value(force.signal, t, arrays) * (axis[0] * Y[3] + axis[1] * Y[4] + axis[2] * Y[5])
-
-
-class TorqueLawRecord(LawRecord):
-    """Parameters of :class:`Torque` whose magnitude is a law."""
-
-    a: i8
-    turns: i8  # 1: the axis is of the body
-    axis: Vec3  # unit vector
+    return signal_value(force.signal, t, arrays) * rate_about(force, state)
 
 
 @cache
@@ -59,15 +72,10 @@ def kernels_of(value: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a torque that the kernel ``value`` computes."""
 
     def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
-        body = state.bodies[force.a]
-        torque, axis = value(force, t, arrays, state), direction(force, body)
-        for k in range(3):
-            body.F[3 + k] += torque * axis[k]
+        turn(force, value(force, t, arrays, state), state)
 
     def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
-        body = state.bodies[force.a]
-        Y, axis = body.Y, direction(force, body)
-        return value(force, t, arrays, state) * (axis[0] * Y[3] + axis[1] * Y[4] + axis[2] * Y[5])
+        return value(force, t, arrays, state) * rate_about(force, state)
 
     return jit_uncached(apply), jit_uncached(power)
 
