@@ -44,7 +44,8 @@ class Tuned(mb.Model):
         m.force("torsion spring", mb.JointSpring(stiffness=1.0), arm)
         sled = m.body("sled", m.ground, mb.Translational(axis="x", rate=1.0), mass=1.0)
         barrier = mb.Table([-10.0, PLACE - HALF, PLACE, PLACE + HALF, 10.0], [0.0, 0.0, FORCE, 0.0, 0.0], "linear")
-        m.force("barrier", mb.JointSpring(stiffness=barrier), sled)
+        free = mb.Polynomial((0.0,))  # a signal: with a number the narrow part of the table would declare restarts
+        m.force("barrier", mb.JointSpring(stiffness=barrier, free=free), sled)
         m.event("middle", body.coordinate(), direction="down", then=mb.SetParameter("stiffness", self.harder))
         m.event("longer", at=TIMES[0], then=mb.SetParameter("length", 0.8))
         m.event("heavier", at=TIMES[1], then=[mb.SetParameter("mass", 8.0), mb.Impulse(body, IMPULSE)])
