@@ -261,15 +261,15 @@ def test_outputs_state_the_inputs_that_change_them_at_once() -> None:
     assert [0 in ks for ks in CompiledMechanism(m).feedthrough()] == [True, False, True]
 
 
-def test_events_refuse_outputs_with_signals_and_accept_others() -> None:
+def test_outputs_of_blocks_with_and_without_time_are_quantities_of_events() -> None:
     m, wheel = turning_wheel()
     lead = m.transfer_function("lead", wheel.angle(), numerator=[1.0, 0.0], denominator=[1.0, 1.0])
     m.event("passed", lead.value(), crosses=1.0)
     driven = m.limiter("driven", "sin(t)", lower=0.0, upper=0.5)
-    with pytest.raises(UserError, match="BlockOutput"):
-        m.event("other", driven.value(), crosses=0.2)
-    (event,) = mb.simulate(m, 1.0, solver="adams", tolerance=1e-8).events
-    assert event.time == pytest.approx(np.log(2.0), abs=1e-7)  # 2 (1 - exp(-t)) = 1
+    m.event("other", driven.value(), crosses=0.2)
+    found = {event.name: event.time for event in mb.simulate(m, 1.0, solver="adams", tolerance=1e-8).events}
+    expected = {"passed": np.log(2.0), "other": np.arcsin(0.2)}  # 2 (1 - exp(-t)) = 1
+    assert found == pytest.approx(expected, abs=1e-7)
 
 
 def test_sensors_in_forces_have_kernels_for_the_tangent_of_large_trees() -> None:

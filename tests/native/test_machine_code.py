@@ -49,6 +49,7 @@ LIBM = {
     "sincos",
     "sqrt",
     "tan",
+    "tanh",
 }
 LIBM |= {"asinh", "cosh", "sinh"}  # parts of functions of complex numbers
 MEMORY = {"memcpy", "memmove", "memset"}
