@@ -390,3 +390,26 @@ def rack_and_wheel() -> mb.Mechanism:
     m.couple("rack", mb.Gear(ratio=0.5), slide, wheel)
     m.cut("contact", mb.RollingWheel(radius=0.5), m.ground, wheel)
     return m
+
+
+@pytest.mark.parametrize("crown", [0.0, 0.05])
+@pytest.mark.parametrize("chain", [False, True])
+@pytest.mark.parametrize("far", [1.0, 1e3, 1e6])
+def test_a_wheel_that_starts_far_from_the_point_of_its_plane_has_all_constraints(
+    far: float, chain: bool, crown: float
+) -> None:
+    m = mb.Mechanism(gravity=(0, 0, -9.81))
+    carrier = m.ground
+    if chain:
+        for axis, start in (("x", far), ("y", -2.0 * far)):
+            carrier = m.body(axis, carrier, mb.Translational(axis=axis, start=start))
+        joint: Any = mb.Translational(axis="z", start=0.3)
+        carrier = m.body("z", carrier, joint)
+        wheel = m.body("wheel", carrier, mb.Spherical(), mass=2.0, inertia=(0.05, 0.09, 0.05))
+    else:
+        joint = mb.Floating(start=(far, -2.0 * far, 0.3, 1, 0, 0, 0))
+        wheel = m.body("wheel", m.ground, joint, mass=2.0, inertia=(0.05, 0.09, 0.05))
+    m.cut("road", mb.RollingWheel(radius=0.3, crown_radius=crown), m.ground, wheel)
+    simulation = mb.Simulation(m, mb.Settings(solver="radau"))
+    assert simulation.compiled.system.m == 3
+    assert not [found for found in simulation.diagnostics if found.severity == "warning"]

@@ -6,7 +6,7 @@ make equations of its cut joint depend on the coordinates by that angle, which w
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mbfmu.mechanics.builder.handles import CutHandle
 from mbfmu.mechanics.builder.mechanism import Mechanism
 from mbfmu.mechanics.checks import rotation
+from mbfmu.mechanics.joints import Section
 from mbfmu.mechanics.joints.base import AxisJoint
 from mbfmu.mechanics.records import State
 from mbfmu.util.diagnostics import Diagnostic
@@ -42,16 +43,28 @@ def _loop_joints(path: list[int]) -> NDArray[np.int64]:
     return np.asarray(found[found != found.min()])
 
 
-def loop_length(mechanism: Mechanism, handle: CutHandle, path: list[int], state: State) -> float:
-    """Return the length of the way from joint to joint around a loop where ``state`` places its bodies, m."""
-    r, A = state.bodies["r"], state.bodies["A"]
-    given = (handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)
-    ends = [r[body.index] + A[body.index] @ np.asarray(at, float) for body, at in given]
-    own = _loop_joints(path)
-    places = np.array([mechanism.bodies[k].joint_at for k in own]).reshape(-1, 3)
-    joints = r[own] + np.einsum("kij,kj->ki", A[own], places)
-    corners = np.vstack([ends[0], joints, ends[1]])
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+def loop_length(mechanism: Mechanism, handle: CutHandle, path: list[int], state: State, longest_travel: float) -> float:
+    """Return the length of the way from joint to joint around a loop where ``state`` places its bodies, m.
+
+    The distance that the coordinates of a joint move its two points apart is counted up to ``longest_travel``, m: it
+    may be any, as that of a wheel which has rolled far, and the axes of the loop are no longer for it.
+    """
+    r, A, bodies = state.bodies["r"], state.bodies["A"], mechanism.bodies
+
+    def place(k: int, at: Any) -> Array:
+        found: Array = r[k] + A[k] @ np.asarray(at, float)
+        return found
+
+    corners, top = [place(handle.a.index, handle.cut.at_a)], path.index(min(path))
+    for k, body in enumerate(path):
+        if k == top:
+            continue
+        own, joint = place(body, bodies[body].joint_at), bodies[body].joint
+        on_parent = own if isinstance(joint, Section) else place(bodies[body].parent, joint.at)
+        corners += [own, on_parent] if k < top else [on_parent, own]
+    corners.append(place(handle.b.index, handle.cut.at_b))
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    return float(lengths[::2].sum() + np.minimum(lengths[1::2], longest_travel).sum())
 
 
 class Measures(NamedTuple):
@@ -78,7 +91,8 @@ def measure_rows(mechanism: Mechanism, state: State, row_size: Array) -> Measure
     axes, row, known = [""] * len(units), 0, joint_axes(mechanism, state)
     for handle in mechanism.cuts:
         path = loop_path(mechanism, handle)
-        length = loop_length(mechanism, handle, path, state)
+        travel = float(row_size[row : row + len(handle.units)].max(initial=0.0))
+        length = loop_length(mechanism, handle, path, state, travel)
         which = nearly_parallel(mechanism, state, handle, path, known)
         for unit in handle.units:
             units[row] = length if unit == "m" and length > 0.0 else row_size[row]
