@@ -140,8 +140,6 @@ def export_scene(
     if not path.parent.is_dir():
         raise UserError(f"folder {str(path.parent)!r} does not exist")
     check_writable(path)
-    if kind is not FmuKind.ONE_RUN:
-        scene.model.require_parameters("the FMU")
     if kind is not FmuKind.PYTHON:
         try:
             _write_native(scene, path, kind, fmi, platforms, report)
@@ -214,6 +212,7 @@ def native_files(scene: Scene, kind: FmuKind, fmi: int, platforms: Sequence[str]
 
 def _write_python(scene: Scene, path: Path, report: Callable[[Diagnostic], None]) -> None:
     """Write an FMU that calls Python."""
+    scene.model.require_parameters("the FMU")
     model, settings, experiment = scene.model, scene.settings, _experiment(scene)
     compiled = model.compile()
     messages = check_start(model, settings, compiled)

@@ -27,7 +27,7 @@ class Owner(NamedTuple):
 def identify(model: Model, settings: Settings, experiment: Experiment, *more: str) -> Owner:
     """Return the names of an FMU of a model with these start values; ``more`` is what else is in it."""
     cls = type(model)
-    values = {p.name: getattr(model, p.name) for p in model.parameters()}
+    values = {p.name: getattr(model, p.name) for p in model.parameters()} | model.other_values()
     told = asdict(settings), asdict(experiment)
     identity = json.dumps([mbfmu.__version__, cls.__module__, cls.__qualname__, values, *told, *more])
     digest = sha256(identity.encode()).hexdigest()

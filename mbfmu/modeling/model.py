@@ -220,8 +220,13 @@ class Model:
         """Return the declared parameters in order."""
         return declared(cls)  # type: ignore[arg-type]  # classes are hashable
 
+    def other_values(self) -> dict[str, int | float | str]:
+        """Return the numbers and texts of the fields that are no parameters, by name."""
+        values = {own.name: getattr(self, own.name) for own in fields(self) if not own.metadata}
+        return {name: value for name, value in values.items() if isinstance(value, int | float | str)}
+
     def require_parameters(self, where: str) -> None:
-        """Refuse fields that are no parameters and do not have their defaults.
+        """Refuse fields that are no parameters and do not have their defaults, if they have one.
 
         Parameters
         ----------
@@ -238,7 +243,7 @@ class Model:
             if own.metadata or not own.init or value is own.default:
                 continue
             default = own.default if own.default_factory is MISSING else own.default_factory()
-            if default is MISSING or repr(value) != repr(default):
+            if default is not MISSING and repr(value) != repr(default):
                 raise UserError(
                     f"field {own.name!r} of model {self.name!r} is {value!r}, and no parameter: {where} would contain "
                     f"its default instead. Declare it as a parameter, such as `{own.name}: float = "

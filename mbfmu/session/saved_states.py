@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,9 +156,8 @@ class SavedStates(InputsAndParameters):
     @property
     def _state_key(self) -> str:
         """Model and settings that a simulation must have in common with this one to restore its states."""
-        tunable = {p.name for p in self.model.parameters() if p.tunable}
-        values = {f.name: getattr(self.model, f.name) for f in fields(self.model) if f.name not in tunable}
-        fixed = {name: value for name, value in values.items() if isinstance(value, int | float | str)}
+        fixed = {p.name: getattr(self.model, p.name) for p in self.model.parameters() if not p.tunable}
+        fixed |= self.model.other_values()
         how = self.settings
         solver = how.solver, fingerprint_of_solver(how.solver)
         return json.dumps([self.model.name, fixed, *solver, how.tolerance, how.energy_check, how.input_interpolation])
