@@ -207,7 +207,19 @@ def native_files(scene: Scene, kind: FmuKind, fmi: int, platforms: Sequence[str]
     else:
         content |= _licenses(native=True, sundials=any("sundials_core" in name for name in content))
         content |= _pictures(model, fmi)
+        messages += without_rest(compiled.mechanism)
     return Files(content, libraries, messages)
+
+
+def without_rest(mechanism: Mechanism) -> list[Diagnostic]:
+    """Return a note on the rigid stops of a mechanism, which hold nothing in a native FMU."""
+    stops = [event.name for event in mechanism.events if event.bounce]
+    if not stops:
+        return []
+    names = ", ".join(map(repr, stops))
+    text = f"native FMUs do not hold what comes to rest at a rigid stop ({names}): they end with an error there"
+    remedy = "If something comes to rest there, export an FMU that calls Python (--python), or use an elastic stop"
+    return [Diagnostic.note("resting-bounce", text, remedy, subject=stops[0])]
 
 
 def _write_python(scene: Scene, path: Path, report: Callable[[Diagnostic], None]) -> None:

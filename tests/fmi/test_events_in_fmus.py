@@ -11,6 +11,7 @@ from fmpy import simulate_fmu
 
 import mbfmu as mb
 from mbfmu.fmi import Fmu, export
+from mbfmu.fmi.export import without_rest
 from mbfmu.util.errors import UserError
 
 G, RESTITUTION, END = 9.81, 0.8, 2.8
@@ -39,6 +40,14 @@ class Ball(mb.Model):
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = mb.Settings(solver="adams", tolerance=1e-8)
     return export(Ball(), tmp_path_factory.mktemp("fmu") / "ball.fmu", settings, native=False)
+
+
+def test_the_export_states_that_stops_of_native_fmus_hold_nothing() -> None:
+    m = Ball().build()
+    (note,) = without_rest(m)
+    assert (note.severity, note.code, note.subject) == ("note", "resting-bounce", "floor")
+    del m.events[0]
+    assert not without_rest(m)
 
 
 def motion(t: float) -> tuple[float, float]:
