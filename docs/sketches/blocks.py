@@ -47,19 +47,19 @@ class Diagram:
         """Write a text about a point."""
         self.ax.text(*at, text, ha="center", va="center", fontsize=points, color=color, zorder=4)
 
-    def arrow(self, *points: Point, label: str = "", beside: Point = (0.0, 0.15)) -> None:
+    def arrow(self, *points: Point, label: str = "", shift: Point = (0.0, 0.15)) -> None:
         """Draw a signal through points, with a label near its first one."""
         *before, last = points
         self.ax.plot(*np.array(points).T, color=LINE, lw=0.8 * WIDTH, zorder=1, solid_capstyle="butt")
         head = {"arrowstyle": "-|>", "mutation_scale": 15.0, "color": LINE, "lw": 0.8 * WIDTH}
         self.ax.add_patch(FancyArrowPatch(before[-1], last, shrinkA=0.0, shrinkB=0.0, zorder=1, **head))
         if label:
-            self.text(label, (points[0][0] + beside[0], points[0][1] + beside[1]))
+            self.text(label, (points[0][0] + shift[0], points[0][1] + shift[1]))
 
     def through(self, left: str = "u", right: str = "y", half: float = 0.5) -> None:
         """Draw the input and the output of a block in the middle."""
-        self.arrow((-HALF + 0.05, 0.0), (-half, 0.0), label=left, beside=(0.2, 0.17))
-        self.arrow((half, 0.0), (HALF - 0.05, 0.0), label=right, beside=(HALF - 0.15 - half, 0.17))
+        self.arrow((-HALF + 0.05, 0.0), (-half, 0.0), label=left, shift=(0.2, 0.17))
+        self.arrow((half, 0.0), (HALF - 0.05, 0.0), label=right, shift=(HALF - 0.15 - half, 0.17))
 
     def curve(self, x: Any, y: Any, color: str = FORCE, width: float = WIDTH) -> None:
         """Draw a curve in a block."""
@@ -92,8 +92,8 @@ def state() -> Diagram:
     d.box(r"$\int$", (0.55, 0.1), (0.5, 0.6), 20.0)
     for y in (0.35, 0.1):
         d.arrow((-HALF + 0.05, y), (-0.75, y))
-    d.arrow((-0.15, 0.1), (0.3, 0.1), label="$z'$", beside=(0.2, 0.2))
-    d.arrow((0.8, 0.1), (HALF - 0.05, 0.1), label="$z$", beside=(0.27, 0.18))
+    d.arrow((-0.15, 0.1), (0.3, 0.1), label="$z'$", shift=(0.2, 0.2))
+    d.arrow((0.8, 0.1), (HALF - 0.05, 0.1), label="$z$", shift=(0.27, 0.18))
     d.arrow((1.07, 0.1), (1.07, -0.65), (-1.1, -0.65), (-1.1, -0.15), (-0.75, -0.15))
     return d
 
@@ -150,12 +150,12 @@ def weighted_sum() -> Diagram:
     d = Diagram()
     for k, y in enumerate((0.65, 0.0, -0.65), 1):
         d.box(f"$w_{k}$", (-0.55, y), (0.55, 0.48), 13.0)
-        d.arrow((-HALF + 0.05, y), (-0.825, y), label=f"$u_{k}$", beside=(0.18, 0.17))
+        d.arrow((-HALF + 0.05, y), (-0.825, y), label=f"$u_{k}$", shift=(0.18, 0.17))
     d.arrow((-0.275, 0.65), (0.45, 0.65), (0.45, 0.12))
     d.arrow((-0.275, 0.0), (0.33, 0.0))
     d.arrow((-0.275, -0.65), (0.45, -0.65), (0.45, -0.12))
     d.sum_at((0.45, 0.0), [("+", (0.13, 0.25)), ("+", (-0.22, 0.13)), ("+", (0.13, -0.25))])
-    d.arrow((0.57, 0.0), (HALF - 0.05, 0.0), label="$y$", beside=(0.45, 0.17))
+    d.arrow((0.57, 0.0), (HALF - 0.05, 0.0), label="$y$", shift=(0.45, 0.17))
     return d
 
 
@@ -203,7 +203,7 @@ def dc_motor() -> Diagram:
     d.ax.add_patch(FancyArrowPatch((1.02, 0.3), (0.86, 0.3), shrinkA=0.0, shrinkB=0.0, zorder=3, **head))
     for y in (0.55, -0.7):
         d.ax.add_patch(Circle((-1.1, y), 0.05, fc="white", ec=DARK, lw=WIDTH, zorder=2))
-    d.arrow((-1.1, 0.4), (-1.1, -0.55), label="voltage", beside=(0.42, -0.47))
+    d.arrow((-1.1, 0.4), (-1.1, -0.55), label="voltage", shift=(0.42, -0.47))
     return d
 
 
