@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from numpy.typing import ArrayLike
 
 import mbfmu as mb
+from mbfmu.steady.sweep import sweep
 
 DISTANCE = {2: 2.0, 3: 3.0**0.5, 4: (8.0 / 3.0) ** 0.5}  # of points on the unit sphere that repel each other
 
@@ -127,6 +129,63 @@ def test_a_torque_on_a_free_wheel_is_refused(count: int) -> None:
     m.force("motor", mb.JointForce(1e-3), wheel)
     with pytest.raises(mb.EquilibriumError, match="no equilibrium was found"):
         mb.equilibrium(m)
+
+
+def damped_cart(count: int, damping: float = 3.0) -> mb.Mechanism:
+    """A cart that a damper slows down, with a pole that a motor turns, and pendulums: ``count`` coordinates."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    cart = m.body("cart", m.ground, mb.Translational(axis="x", rate=2.0), mass=1.0)
+    m.force("damper", mb.JointForce(f"-{damping} * v"), cart)
+    pole = m.body("pole", cart, mb.Revolute(start=-1.2), **mb.rod(mass=1.0, length=1.0))
+    m.force("motor", mb.JointForce(mb.Input(name="torque", unit="N m")), pole)
+    m.output("pole", pole.angle())
+    for k in range(count - 2):
+        m.body(f"pendulum{k}", m.ground, mb.Revolute(start=-1.3), **mb.rod(mass=1.0, length=1.0))
+    return m
+
+
+@pytest.mark.parametrize("count", [2, 61])
+def test_a_rate_that_is_no_steady_state_is_set_to_zero(count: int) -> None:
+    """A damper acts on a cyclic coordinate: its only steady rate is zero."""
+    for start in (None, {"pole": -1.0}):
+        found = mb.equilibrium(damped_cart(count), start)
+        assert not np.any(found.v)
+        assert found.outputs["pole"] == pytest.approx(-0.5 * np.pi, abs=1e-9)
+        note = next(d.text for d in found.diagnostics if "'cart' (2)" in d.text)
+        assert "no steady state was found with the start rates" in note
+
+
+def test_a_rate_that_is_a_steady_state_is_kept() -> None:
+    found = mb.equilibrium(damped_cart(2, damping=0.0))
+    assert found.v[0] == 2.0
+    assert found.diagnostics == ()
+
+
+def test_a_force_on_a_damped_cart_is_refused_at_any_rate() -> None:
+    """The message is that of the search with the start rates: 3 N s/m times 2 m/s, less 1 N."""
+    m = damped_cart(2)
+    m.force("engine", mb.JointForce(1.0), next(body for body in m.bodies if body.name == "cart"))
+    with pytest.raises(mb.EquilibriumError, match="residual 5 N or N m at 'cart'"):
+        mb.equilibrium(m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DampedCart(mb.Model):
+    """The cart with a pole."""
+
+    name = "damped_cart"
+    damping: float = mb.parameter(3.0, unit="N s/m")
+
+    def build(self) -> mb.Mechanism:
+        return damped_cart(2, self.damping)
+
+
+def test_sweeps_and_paths_follow_the_state_at_rest() -> None:
+    """The torque T of the motor holds the pole at m g L / 2 cos(angle) = T."""
+    branches = sweep(DampedCart(), "damping", [2.0, 4.0, 8.0], scattered=0)
+    assert [branch.values for branch in branches] == [[2.0, 4.0, 8.0]]
+    path = mb.equilibrium_path(DampedCart(), "torque", (0.0, 2.0))
+    assert path.branches[0].states[-1].outputs["pole"] == pytest.approx(-np.arccos(2.0 / (0.5 * 9.81)), abs=1e-8)
 
 
 @pytest.mark.parametrize("stiffness", [1e2, 1e5, 1e8, 1e10])

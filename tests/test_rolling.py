@@ -202,6 +202,16 @@ def test_the_linear_motion_of_an_upright_disk_is_that_of_the_closed_form(size: f
     assert np.sum(np.abs(every) > 1e-4 * abs(root)) == 2
 
 
+def test_rates_with_which_a_wheel_slips_are_reported() -> None:
+    """A wheel on an incline has no steady state. Its start slips, since the rotation of a floating body is at rest."""
+    m = mb.Mechanism(gravity=(1.0, 0.0, -G))
+    start = mb.Floating(start=(0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0), rate=(5.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    wheel = m.body("wheel", m.ground, start, mass=1.0, inertia=(0.1, 0.2, 0.1))
+    m.cut("contact", mb.RollingWheel(radius=0.5), m.ground, wheel)
+    with pytest.raises(mb.EquilibriumError, match=r"constraint 'contact.longitudinal' violated by 5 m/s"):
+        mb.equilibrium(m)
+
+
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_a_wheel_rolls_down_an_incline_of_any_direction(size: float) -> None:
     """a = g sin(slope) / (1 + C / (m R^2)); the plane holds it with the rest of the weight."""

@@ -65,6 +65,8 @@ def explain_missing_search(simulation: Simulation) -> str:
         return f"{text}it was found by a continuation only"
     if found.cyclic.any() and compiled.mechanism.couplings:
         return f"{text}couplings determine rates of the steady state"
+    if np.any(found.cyclic & (found.v != compiled.assembly.start_velocities())):
+        return f"{text}there is no steady state with the start rates of coordinates on which nothing depends"
     if len(compiled.system.nonholonomic):
         return f"{text}the model has wheels that roll without slip"
     if compiled.mechanism.sampled:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from typing import TypeVar
 
 from mbfmu.mechanics import CompiledMechanism, Mechanism
 from mbfmu.modeling.model import Model, as_model
@@ -17,6 +18,8 @@ from mbfmu.steady.times import finish, hold_start
 from mbfmu.util.diagnostics import Diagnostic
 from mbfmu.util.errors import EquilibriumError, UserError
 from solvers.statics.spectrum import Stability
+
+Found = TypeVar("Found")
 
 
 def build_problem(model: Model | Mechanism, compiled: CompiledMechanism | None = None) -> EquilibriumProblem:
@@ -61,13 +64,38 @@ def find_states(problem: EquilibriumProblem) -> list[Equilibrium]:
 
     The problem is solved from its start. If that fails, or if the state is unstable, the motion of supports that steps
     or inputs have moved is followed from where they start, then from zero. An unstable state is returned if no other
-    is found.
+    is found. If none is found, the search is repeated with the rates 0 of cyclic coordinates.
 
     Raises
     ------
     UserError
         No steady state is found; the message is that of the search from the start.
     """
+    return search_with_rates(problem, lambda: _find_states(problem))
+
+
+def search_with_rates(problem: EquilibriumProblem, search: Callable[[], Found]) -> Found:
+    """Return what a search finds with the start rates of cyclic coordinates or, if it fails, with the rates 0.
+
+    Raises
+    ------
+    UserError
+        Neither is found; the message is that of the search with the start rates.
+    """
+    try:
+        return search()
+    except UserError:
+        if not problem.keeps_rates:
+            raise
+        problem.set_keeps_rates(False)
+        with suppress(UserError):
+            return search()
+        problem.set_keeps_rates(True)
+        raise
+
+
+def _find_states(problem: EquilibriumProblem) -> list[Equilibrium]:
+    """Return the states of :func:`find_states` with the rates that the problem has."""
     found: list[Equilibrium] = []
     failure: UserError | None = None
     try:
@@ -138,7 +166,7 @@ def equilibrium(model: Model | Mechanism, start: Mapping[str, float] | None = No
     """
     problem = build_problem(model)
     if start:
-        return problem.solve(problem.start(start), "the start given", stick=True)
+        return search_with_rates(problem, lambda: problem.solve(problem.start(start), "the start given", stick=True))
     return find_state(problem)
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.loads.base import MAX_ACCURATE_RATIO
+from mbfmu.steady.checks import STEADY_TOLERANCE
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.statics.newton import Outcome, Solution
 from solvers.system import Array
@@ -26,6 +28,11 @@ SLIDING_TEXT = (
     "settled"
 )
 
+MOVING_TEXT = (
+    "in a steady state drives and cyclic coordinates, on which nothing depends, move on, and everything else is at rest"
+)
+NO_RATE_TEXT = "nothing depends on this coordinate, but no steady state was found with the start rates"
+
 
 def describe_held_states(names: Sequence[str], *, sticks: bool) -> tuple[Diagnostic, ...]:
     """Return a note on the states of frictions without slip: they keep their start values, or stick."""
@@ -42,18 +49,21 @@ def describe_held_states(names: Sequence[str], *, sticks: bool) -> tuple[Diagnos
     return (Diagnostic.note("steady-state", text),)
 
 
-def describe_dropped_rates(compiled: CompiledMechanism, v: Array) -> tuple[Diagnostic, ...]:
-    """Return a note if the model's start has other rates than the steady state, v (n,)."""
+def describe_dropped_rates(compiled: CompiledMechanism, v: Array, at_rest: NDArray[np.bool_]) -> tuple[Diagnostic, ...]:
+    """Return notes if the model's start has other rates than the steady state, v (n,).
+
+    ``at_rest`` (n,) are cyclic coordinates without their start rates, since none was found with them.
+    """
     given, names = compiled.assembly.start_velocities(), compiled.system.coordinate_names
     given[len(given) - compiled.system.n_states :] = 0.0  # where the search for the states begins
-    dropped = [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero((given != v) & (given != 0.0))]
-    if not dropped:
-        return ()
-    text = (
-        f"the given rate of {', '.join(dropped)} is not kept: in a steady state drives and cyclic coordinates, on "
-        "which nothing depends, move on, and everything else is at rest"
-    )
-    return (Diagnostic.note("steady-state", text),)
+    is_dropped = (given != v) & (given != 0.0)
+    notes: list[Diagnostic] = []
+    for own, reason in ((~at_rest, MOVING_TEXT), (at_rest, NO_RATE_TEXT)):
+        if dropped := [f"{names[k]!r} ({given[k]:g})" for k in np.flatnonzero(is_dropped & own)]:
+            notes.append(
+                Diagnostic.note("steady-state", f"the given rate of {', '.join(dropped)} is not kept: {reason}")
+            )
+    return tuple(notes)
 
 
 def describe_mesh(compiled: CompiledMechanism, q: Array) -> tuple[Diagnostic, ...]:
@@ -64,7 +74,7 @@ def describe_mesh(compiled: CompiledMechanism, q: Array) -> tuple[Diagnostic, ..
 
 
 def describe_failure(
-    what: str, compiled: CompiledMechanism, solution: Solution, pushed: str, held: Sequence[str]
+    what: str, compiled: CompiledMechanism, solution: Solution, v: Array, pushed: str, held: Sequence[str]
 ) -> str:
     """Return why a search ended without a steady state.
 
@@ -76,6 +86,8 @@ def describe_failure(
         The model.
     solution
         Where the search ended.
+    v
+        Velocities (n,) of the steady state, m/s and rad/s.
     pushed
         The motion on which loads act at the start without resistance; empty: there is none.
     held
@@ -94,5 +106,20 @@ def describe_failure(
         advice = SLIDING_TEXT if system.nonsmooth_reason else "try another start (--from)"
     return (
         f"{what}: {OUTCOME_TEXTS[solution.outcome]}; residual {abs(solution.forces[worst]):.3g} N or N m at "
-        f"{system.coordinate_names[worst]!r}, loops open by {gap:.3g} m; {advice}"
+        f"{system.coordinate_names[worst]!r}, loops open by {gap:.3g} m{describe_slip(compiled, solution, v)}; {advice}"
     )
+
+
+def describe_slip(compiled: CompiledMechanism, solution: Solution, v: Array) -> str:
+    """Return the nonholonomic constraint that velocities v (n,) violate most where a search ended; empty: none."""
+    system, rows = compiled.system, compiled.system.nonholonomic
+    if not (len(rows) and v.any()):
+        return ""
+    terms = system.allocate_terms()
+    system.fill(0.0, solution.q[: system.nq], v, terms)
+    slips = np.abs(terms.J @ v - terms.nu)[rows]
+    worst = int(slips.argmax())
+    fastest = float(np.abs(v / system.size).max())
+    if slips[worst] <= STEADY_TOLERANCE * fastest * system.row_size[rows[worst]]:
+        return ""
+    return f", constraint {system.constraint_names[rows[worst]]!r} violated by {slips[worst]:.3g} m/s"

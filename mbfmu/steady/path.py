@@ -16,7 +16,7 @@ from typing import Any
 from mbfmu.mechanics import Mechanism
 from mbfmu.mechanics.numbers import finite
 from mbfmu.modeling.model import Model
-from mbfmu.steady.equilibrium import build_problem, find_state
+from mbfmu.steady.equilibrium import build_problem, find_state, search_with_rates
 from mbfmu.util.errors import EquilibriumError, UserError, suggest
 from mbfmu.util.files import replacing
 from solvers.linalg.threads import one_thread
@@ -162,7 +162,8 @@ class PathProblem:
         """Return what follows the path from the steady state at the begin."""
         self.apply(begin)
         if start:
-            found = self.problem.solve(self.problem.start(start), "the start given")
+            given = self.problem.start(start)
+            found = search_with_rates(self.problem, lambda: self.problem.solve(given, "the start given"))
         else:
             found = find_state(self.problem)
         at, load = self.problem.unknowns(found), Load(self.apply, begin, end)

@@ -3,7 +3,8 @@
 Steps and run-ups of drives and loads have ended, unless a run is to start in the state, see :mod:`.times`.
 
 A cyclic coordinate, on which nothing depends, such as the angle of a free spindle, keeps the rate the model starts it
-with, or has the one that a coupling to a drive or to another gives it; every other free coordinate is at rest.
+with, or has the one that a coupling to a drive or to another gives it; every other free coordinate is at rest. If there
+is no steady state with the start rates, cyclic coordinates are at rest as well.
 
 Newton alone from the model's start; where that fails, pseudo-transient continuation first; where that fails,
 continuation in the drive speed from rest. What is found is checked: it must hold at every position of the drives, with
@@ -61,12 +62,14 @@ class EquilibriumProblem:
     ----------
     supports
         Supports that steps and inputs move.
+    keeps_rates
+        Whether cyclic coordinates keep their start rates; False: they have the rate 0, or that of a coupling.
     """
 
     def __init__(self, model: Model, compiled: CompiledMechanism, supports: Supports) -> None:
         self.model, self.compiled, self.supports = model, compiled, supports
         self._names = position_names(compiled)
-        self._start = self.start()
+        self._start, self.keeps_rates = self.start(), True
         self._v, self._cyclic = np.zeros(compiled.system.n), np.zeros(compiled.system.n, bool)
         self._z = compiled.assembly.start_velocities()[compiled.system.n_velocities :]
         self._held: Sequence[str] = ()  # names of first-order states that keep their start values
@@ -129,6 +132,11 @@ class EquilibriumProblem:
         self._full_speeds = compiled.drives.full_speeds()
         self._set_velocities()
 
+    def set_keeps_rates(self, keeps_rates: bool) -> None:
+        """Let cyclic coordinates keep their start rates, or have the rate 0."""
+        self.keeps_rates = keeps_rates
+        self._set_velocities()
+
     def linearized(self) -> Linearized:
         """Return the equations as paths take them, with the inputs as they are at any time."""
         if isinstance(self._solver, DenseEquilibriumSolver):
@@ -183,16 +191,16 @@ class EquilibriumProblem:
         """Return the velocities (n,) of the steady motion: those of cyclic coordinates, as the couplings want them."""
         compiled, system = self.compiled, self.compiled.system
         assembly = compiled.assembly
-        v = np.where(self._cyclic, assembly.start_velocities(), 0.0)
+        v = np.where(self._cyclic & self.keeps_rates, assembly.start_velocities(), 0.0)
         if len(system.nonholonomic) and self._cyclic.any():  # rates that are not given follow from those that are
-            held = ~self._cyclic | assembly.held() | (assembly.given()[1] > 0.0)
+            held = ~self._cyclic | (self.keeps_rates & (assembly.held() | (assembly.given()[1] > 0.0)))
             with suppress(AssemblyError):  # they fit elsewhere
                 v = assemble_velocities(system, 0.0, self._start, v, held)
             return v
         if compiled.mechanism.couplings and self._cyclic.any():
             terms = system.allocate_terms()
             system.fill(0.0, self._start, v, terms)
-            held, opening = ~self._cyclic | assembly.held(), terms.J @ v - terms.nu
+            held, opening = ~self._cyclic | (self.keeps_rates & assembly.held()), terms.J @ v - terms.nu
             v -= system.size * least_change(system, terms.J, opening / system.row_size, held)
         return v
 
@@ -277,7 +285,7 @@ class EquilibriumProblem:
             diagnostics=(
                 *describe_held_states(self._held, sticks=sticks),
                 *describe_samples(self.compiled),
-                *describe_dropped_rates(self.compiled, self._v),
+                *describe_dropped_rates(self.compiled, self._v, self._cyclic & (not self.keeps_rates)),
                 *self.compiled.coincident(0.0, q),
                 *self.compiled.describe_assumed_length(),
                 *([describe_period(self.compiled)] if periodic else ()),
@@ -359,7 +367,8 @@ class EquilibriumProblem:
         if solution.outcome is not Outcome.NOT_FINITE and not self.compiled.system.has_matrices:
             forces, _ = self._solver.residual(0.0, self._start, np.zeros(self.compiled.system.m))
             pushed = describe_pushed(self.compiled, self._start, forces, STEADY_TOLERANCE)
-        return describe_failure(f"{what} for {self.model.name!r}", self.compiled, solution, pushed, self._held)
+        what = f"{what} for {self.model.name!r}"
+        return describe_failure(what, self.compiled, solution, self._v, pushed, self._held)
 
     def others(self, found: Equilibrium, count: int | None = None) -> list[Equilibrium]:
         """Return further steady states, each once: from scattered starts (24, 4 on a large tree), and where the one

@@ -43,13 +43,14 @@ def sweep(
     branches: list[Branch] = []
     failure: EquilibriumError | None = None
     for i, problem in enumerate(problems):
-        for branch in branches:
-            extend(branch, problem, values[i], branches)
+        found: list[Equilibrium] = []
         try:
-            found = find_states(problem)
+            found = find_states(problem)  # first, since it selects the rates of cyclic coordinates
             found += problem.others(found[0], scattered)
         except EquilibriumError as error:
-            found, failure = [], error
+            failure = error
+        for branch in branches:
+            extend(branch, problem, values[i], branches)
         for state in found:
             if not is_known_state(problem, state.q, values[i], branches):
                 branches.append(traced_back(state, i, values, problems, branches))

@@ -159,6 +159,15 @@ def held_mass(stiffness: float) -> mb.Mechanism:
     return m
 
 
+def damped_cart() -> mb.Mechanism:
+    """A cart with a rate that a damper does not let it keep, and a pole."""
+    m = mb.Mechanism(gravity=(0.0, -9.81, 0.0))
+    cart = m.body("cart", m.ground, mb.Translational(axis="x", rate=2.0), mass=2.0)
+    m.force("damper", mb.JointForce("-3 * v"), cart)
+    m.body("pole", cart, mb.Revolute(start=-1.2), **mb.rod(mass=1.0, length=1.0))
+    return m
+
+
 def sampled_cart() -> mb.Mechanism:
     """A cart that a digital controller holds."""
     m = mb.Mechanism()
@@ -175,6 +184,7 @@ def sampled_cart() -> mb.Mechanism:
     [
         (held_mass(500.0), ""),  # the guide does not slip, and exerts no force in the state that is found
         (held_mass(0.0), "it was found by a continuation only"),  # its friction holds the mass
+        (damped_cart(), "there is no steady state with the start rates of coordinates on which nothing depends"),
         (sampled_cart(), "the model has sampled blocks"),
     ],
 )
