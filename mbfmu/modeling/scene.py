@@ -3,7 +3,7 @@
 model = "fourbar"          # registered name, or path/to/file.py:Class
 solver = "adams"           # ida, adams, hybrid, radau, esdirk, auto
 tolerance = 1e-6
-absolute_tolerance = 0.0   # in units of each coordinate; 0: the relative one
+absolute_tolerance = 0.0   # relative to the nominal values; 0: the relative one
 max_step = 0.0             # s; 0: no limit
 max_order = 0              # 0: the solver's own
 max_steps = 100000         # between two outputs

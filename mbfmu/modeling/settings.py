@@ -45,7 +45,7 @@ class Settings:
     solver: str = parameter("ida", choices=(*SOLVER_NAMES, AUTO), unlisted=UNLISTED_SOLVERS, doc="Integration method")
     tolerance: float = parameter(1e-6, min=1e-12, max=1e-2, doc="Relative tolerance of the solver")
     absolute_tolerance: float = parameter(
-        0.0, min=0.0, max=1.0, doc="Absolute tolerance in units of each coordinate; 0: equal to the relative tolerance"
+        0.0, min=0.0, max=1.0, doc="Absolute tolerance relative to nominal values; 0: equal to the relative tolerance"
     )
     max_order: int = parameter(
         0, min=0, max=12, doc="Maximum order, 1 to 12 (ida: 1 to 5); 0: the largest (ida with sheets: 2)"

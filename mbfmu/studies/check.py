@@ -49,7 +49,7 @@ class Stiffness:
     followed
         Rate of what swings by more than the tolerance, at most, 1/s.
     tolerance
-        The absolute one, in units of each coordinate.
+        The absolute one, relative to the nominal value of each coordinate.
     states
         About how many states eigenvalues were taken.
     """

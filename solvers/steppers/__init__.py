@@ -180,7 +180,7 @@ def describe_refusal(name: str, system: AnySystem) -> str:
                 f"{system.n_velocities}, constraint equations {system.m}, first-order states {system.n_states}); use "
                 "'ida'",
             )
-        needs_matrices = system.n_states and system.m and not eliminates_constraints(name, system)
+        needs_matrices = system.n_states and system.m and not (is_large or eliminates_constraints(name, system))
         return describe_large_size(name, system) if needs_matrices else ""
     if name in TREE_SOLVERS or (not system.m and name in UNCONSTRAINED_SOLVERS):
         return ""

@@ -46,8 +46,8 @@ class Joint(ElementType):
     drive
         Signal that the coordinate follows (joints of one coordinate), with its start position and rate; None: free.
     nominal
-        Typical size of the coordinates, one number or (nv,), for tolerances; None: 1 rad, and for m the
-        characteristic length of the mechanism.
+        Nominal value: typical size of the coordinates, one number or (nv,), by which errors are divided; None: 1 rad,
+        and for m the characteristic length of the mechanism.
     armature
         Inertia of the rotor of a geared drive as seen at the joint (reflected inertia), kg m^2, or kg for a
         displacement; joints of one coordinate. If the rotor turns by n rad per unit of the coordinate v, its kinetic
