@@ -13,6 +13,8 @@ import mbfmu
 import solvers
 from mbfmu import mechanics, sheets, testing
 from mbfmu.cli import main
+from mbfmu.mechanics.curve import END_CONDITIONS
+from mbfmu.mechanics.law import FUNCTIONS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -52,6 +54,16 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
 def test_every_benchmark_stands_on_its_page() -> None:
     page = (DOCS / "benchmarks.md").read_text()
     assert [path.name for path in (ROOT / "benchmarks").glob("*.py") if f"`{path.name}`" not in page] == []
+
+
+def test_the_page_of_signals_has_all_functions_of_expressions_and_all_continuations_of_tables() -> None:
+    page = (DOCS / "signals.md").read_text()
+    listed = page.partition("**Expressions** are texts")[2].partition("\n\n`Noise`")[0]
+    constants = re.findall(r"`(\w+)`", listed.partition("the constants ")[2].partition(", the variables")[0])
+    functions = re.findall(r"`(\w+)`", listed.partition("- the functions ")[2])
+    assert sorted(constants + functions) == sorted(FUNCTIONS)
+    continuations = re.findall(r'`"(\w+)"`', page.partition("Its argument `beyond`")[2].partition("\n\n")[0])
+    assert sorted(continuations) == sorted(END_CONDITIONS)
 
 
 def test_the_citation_has_the_version() -> None:

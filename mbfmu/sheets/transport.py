@@ -94,7 +94,7 @@ def add_contact(
         Slip velocity vs, m/s, of the decrease from ``static`` to ``friction`` as exp(-(v / vs)^2). Required if
         ``static`` is larger than ``friction``. It should be several times ``creep``.
     points
-        Number of contact points of every cell along x and z.
+        Numbers of contact points of every cell along x and z, without those on its last edge.
 
     Returns
     -------
