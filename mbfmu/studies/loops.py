@@ -87,8 +87,8 @@ def loop_size(compiled: CompiledMechanism, handle: CutHandle) -> float:
         if k > 0 and parent in points:
             points[k].append(bodies[k]["child_s"])
             points[parent].append(bodies[k]["s"])
-    for body, at in ((handle.a, handle.cut.at_a), (handle.b, handle.cut.at_b)):
-        points[body.index].append(np.asarray(at, float))
+    for on, body in (("a", handle.a.index), ("b", handle.b.index)):
+        points[body].append(handle.cut.nearest(on, *points[body][:1]))
     spans = [float(np.linalg.norm(p - q)) for own in points.values() for p in own for q in own]
     return max(spans, default=0.0) or float(compiled.length)
 

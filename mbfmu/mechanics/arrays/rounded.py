@@ -55,6 +55,9 @@ def loop_length(mechanism: Mechanism, handle: CutHandle, path: list[int], state:
         found: Array = r[k] + A[k] @ np.asarray(at, float)
         return found
 
+    def nearest(k: int, on: str, to: Array) -> Array:
+        return place(k, handle.cut.nearest(on, A[k].T @ (to - r[k])))
+
     corners, top = [place(handle.a.index, handle.cut.at_a)], path.index(min(path))
     for k, body in enumerate(path):
         if k == top:
@@ -63,6 +66,8 @@ def loop_length(mechanism: Mechanism, handle: CutHandle, path: list[int], state:
         on_parent = own if isinstance(joint, Section) else place(bodies[body].parent, joint.at)
         corners += [own, on_parent] if k < top else [on_parent, own]
     corners.append(place(handle.b.index, handle.cut.at_b))
+    corners[0] = nearest(handle.a.index, "a", corners[1])
+    corners[-1] = nearest(handle.b.index, "b", corners[-2])
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     return float(lengths[::2].sum() + np.minimum(lengths[1::2], longest_travel).sum())
 

@@ -25,7 +25,8 @@ ASSUMED_LENGTH = 1.0  # m, of a mechanism that has none
 def characteristic_length(mechanism: Mechanism, arrays: Arrays) -> float:
     """Return the largest distance between two connection points of one body, m.
 
-    Points are origins of joints, centers of mass, and where cut joints and forces act; a rod between two points and an
+    Points are origins of joints, centers of mass, and where cut joints and forces act, of a plane the point nearest to
+    the origin of its body; a rod between two points and an
     flexible body count with their length. A mechanism all of whose points coincide is measured by the springs and the
     radii of gyration it has, and one without any by ASSUMED_LENGTH, see :func:`describe_assumed_length`. Raises
     UserError for one that is no length of a mechanism.
@@ -71,8 +72,8 @@ def spans(mechanism: Mechanism, arrays: Arrays) -> Array:
         points[i] += [np.zeros(3), body["com"], body["child_s"]]
         points[int(body["parent"])].append(body["s"])
     for handle in mechanism.cuts:
-        points[handle.a.index].append(np.asarray(handle.cut.at_a, float))
-        points[handle.b.index].append(np.asarray(handle.cut.at_b, float))
+        points[handle.a.index].append(handle.cut.nearest("a"))
+        points[handle.b.index].append(handle.cut.nearest("b"))
     for acting in mechanism.loads():
         for body, point in zip(acting.bodies, acting.load.points(), strict=False):
             points[body.index].append(np.asarray(point, float))

@@ -77,6 +77,9 @@ class CutJoint(ElementType):
     nonholonomic: ClassVar[tuple[str, ...]] = ()  # rows that restrict velocities only: their residual is zero
     drawings: ClassVar = ("pin", "ball", "rod", "wheel")
     drawn: ClassVar[str] = "pin"  # how pictures show it: one of these
+    planes: ClassVar[str] = (
+        ""  # bodies, "a" or "ab", on which any point of a plane normal to z of the frame may be given
+    )
     parallel: ClassVar[str] = ""  # axes of the two frames that are parallel when it is closed: "", "z" or "xyz"
 
     @property
@@ -92,9 +95,20 @@ class CutJoint(ElementType):
     def fill(self, record: Any, site: Attachment) -> None:
         """Write points and axes."""
         super().fill(record, site)
-        record["Pa"] = vector(f"at_a of {site.name}", self.at_a)
-        record["Pb"] = vector(f"at_b of {site.name}", self.at_b)
+        for on in "ab":
+            vector(f"at_{on} of {site.name}", getattr(self, f"at_{on}"))
+            record[f"P{on}"] = self.nearest(on)  # avoids cancellation on planes far away
         record["Ra"], record["Rb"] = self.frames(site.name)
+
+    def nearest(self, on: str, point: Any = (0.0, 0.0, 0.0)) -> Matrix:
+        """Return the point of this cut joint on body ``on``, ``"a"`` or ``"b"``, m, body axes; of a plane the one that
+        is nearest to ``point``. Lengths of the mechanism thus do not depend on which point of the plane is given.
+        """
+        own = np.asarray(getattr(self, f"at_{on}"), float)
+        if on not in self.planes:
+            return own
+        normal = self.frames()["ab".index(on)][:, 2]
+        return np.asarray(point, float) + ((own - point) @ normal) * normal
 
     def extent(self) -> float:
         """Return the distance between the two points that it maintains, m."""

@@ -28,4 +28,5 @@ class PlanarCutJoint(AxisCut):
     named = ("z", "xz", "yz")
     units = ("N", "N.m", "N.m")
     evaluate = evaluate
+    planes = "ab"
     parallel = "z"

@@ -25,4 +25,5 @@ class PlaneCutJoint(AxisCut):
 
     named = ("z",)
     units = ("N",)
+    planes = "a"
     evaluate = evaluate

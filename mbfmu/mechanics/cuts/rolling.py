@@ -93,6 +93,7 @@ class RollingWheel(CutJoint):
 
     record = RollingWheelRecord
     variants = (RollingOnTable,)
+    planes = "a"
     drawn = "wheel"
     evaluate = evaluate
 
@@ -198,6 +199,7 @@ class RollingWheel(CutJoint):
         if self.friction is not None:
             record["longitudinal_friction"], record["lateral_friction"] = np.broadcast_to(self.friction, 2)
         if self.surface is not None:
+            record["Pa"] = self.at_a  # from where x is measured
             self.surface.fill(record, site)
 
     def extent(self) -> float:

@@ -202,6 +202,7 @@ class SlippingWheel(Force):
         """Write the wheel, the plane and the friction."""
         fill_points(self, record, site)
         normal = unit_axis(self.normal, f"normal of {site.name}")
+        record["Pa"], record["Pb"] = self.points()
         record["radius"], record["crown"] = self.radius - self.crown_radius, self.crown_radius
         record["axle"], record["up"] = unit_axis(self.axis, f"axis of {site.name}"), normal
         record["first"], record["second"] = plane_axes(normal)
@@ -220,8 +221,9 @@ class SlippingWheel(Force):
         return float(record["deflection"])
 
     def points(self) -> Points:
-        """Return the center of the wheel and the point of the plane."""
-        return vector("at_a", self.at_a), vector("at_b", self.at_b)
+        """Return the center of the wheel, and the point of the plane that is nearest to the origin of its body."""
+        normal = unit_axis(self.normal, "normal")
+        return vector("at_a", self.at_a), (vector("at_b", self.at_b) @ normal) * normal
 
     def extent(self) -> float:
         """Return the radius."""
