@@ -86,12 +86,16 @@ def test_random_expressions_of_sensors_have_the_values_of_numpy(links: int) -> N
         np.testing.assert_allclose(result[name], expected, rtol=1e-12, atol=1e-12, err_msg=text)
 
 
-@pytest.mark.parametrize("solver", ["adams", "ida", "radau"])
-def test_events_of_expressions_with_time_and_inputs_are_located(solver: str) -> None:
+@pytest.mark.parametrize(
+    ("solver", "others"), [("adams", 0), ("ida", 0), ("radau", 0), ("adams", 60), ("ida", 60), ("esdirk", 60)]
+)
+def test_events_of_expressions_with_time_and_inputs_are_located(solver: str, others: int) -> None:
     """Closed forms: x = t meets t^2 / 2 + u at 2 (1 - 0.3) for u = 0.3 t; zeros of sin(7 t). A jump of the input across
-    the position is no event; after it, u = -3, they meet at 1 + sqrt(7).
+    the position is no event; after it, u = -3, they meet at 1 + sqrt(7). Small models, and large ones of more carts.
     """
     m, body = cart(0.0)
+    for k in range(others):
+        m.body(f"other{k}", m.ground, mb.Translational(axis="x", nominal=1.0), mass=1.0)
     m.event("push", at=0.0, then=mb.Impulse(body, 2.0))
     target = mb.Input(name="target", unit="m", start=0.0)
     gap = m.expression("x - 0.5 * t * t - u", uses={"x": body.coordinate(), "u": target}, unit="m")
@@ -118,6 +122,15 @@ def test_events_of_expressions_are_located() -> None:
     m.event("falls", product, crosses=-0.25, direction="down")
     result = mb.simulate(m, 7.0, solver="adams", tolerance=1e-10)
     np.testing.assert_allclose([e.time for e in result.events], np.pi / 12.0 + np.arange(3) * np.pi, atol=1e-7)
+
+
+def test_events_accept_blocks_and_states_by_their_handles() -> None:
+    m, _ = cart(1.0)
+    m.event("block", m.limiter("half", mb.Polynomial((0.0, 0.5)), lower=0.0, upper=0.4), crosses=0.2)
+    m.event("state", m.state("clock", "1.0"), crosses=0.7)
+    result = mb.simulate(m, 1.0, solver="adams")
+    assert [event.name for event in result.events] == ["block", "state"]
+    np.testing.assert_allclose([event.time for event in result.events], [0.4, 0.7], atol=1e-9)
 
 
 @pytest.mark.parametrize("way", ["magnitude", "uses", "block"])

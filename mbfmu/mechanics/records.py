@@ -250,7 +250,7 @@ class State(NamedTuple):
     acting: NDArray[np.int64]  # (loads,) ... of those that acted
     acting_parts: NDArray[np.int64]  # (loads,) SearchRecord.parts of these
     is_acting: NDArray[np.int64]  # (loads,) 1: it acted
-    time: NDArray[np.float64]  # (1,) s, when the forces were applied last
+    time: NDArray[np.float64]  # (1,) s, of the coordinates
     cached_power: NDArray[np.float64]  # (1,) W, non-conservative power that loads have evaluated with their forces
     energy: NDArray[np.float64]  # (2,) J, kinetic and potential, where sensors are read
     bearings: Table[BearingRecord]  # (nf,) of joints with friction in proportion to their reaction

@@ -11,8 +11,10 @@ from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
+from .blocks import BlockHandle
 from .bodies import coordinate_of
 from .delays import Delays
+from .states import StateHandle
 
 
 class Events(Delays):
@@ -25,7 +27,7 @@ class Events(Delays):
     def event(
         self,
         name: str,
-        sensor: Sensor | None = None,
+        sensor: Sensor | BlockHandle | StateHandle | None = None,
         *,
         crosses: float = 0.0,
         direction: str = "both",
@@ -42,8 +44,8 @@ class Events(Delays):
             Unique name among the events.
         sensor
             Quantity that crosses the value: a sensor of positions, velocities or first-order states, such as
-            ``arm.angle()``, or a block or an :meth:`expression` of these, of the time and of inputs. A value that it
-            has at the start of the run, or that it touches without crossing it, is no event.
+            ``arm.angle()``, a state, or a block or an :meth:`expression` of these, of the time and of inputs. A value
+            that it has at the start of the run, or that it touches without crossing it, is no event.
         crosses
             The value, in the unit of the sensor.
         direction
@@ -80,9 +82,13 @@ class Events(Delays):
                 f"{what} is given {'no' if sensor is None else 'a'} sensor and {at!r} for its time; "
                 "allowed: one of the two. Give a sensor, or a time by `at`"
             )
+        if isinstance(sensor, BlockHandle | StateHandle):
+            sensor = sensor.value()
         if sensor is not None:
             if not isinstance(sensor, Sensor):
-                raise UserError(f"sensor of {what} is {short(sensor)}; allowed: a sensor, such as Body.angle()")
+                raise UserError(
+                    f"sensor of {what} is {short(sensor)}; allowed: a sensor, such as Body.angle(), a block or a state"
+                )
             check_element_type(f"sensor of {what}", sensor, Sensor)
             self._check_sensor(f"sensor of {what}", sensor)
             if not (sensor.is_kinematic or getattr(sensor, "is_block_output", False)):

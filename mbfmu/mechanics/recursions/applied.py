@@ -31,7 +31,6 @@ def apply_loads(t: float, arrays: Arrays, state: State) -> None:
             apply_load(arrays.loads[i], t, arrays, state)
     for i in range(arrays.flexibles.shape[0]):
         modal.apply_elastic_forces(arrays.flexibles[i], state, arrays.numbers)
-    state.time[0] = t
 
 
 @kernel

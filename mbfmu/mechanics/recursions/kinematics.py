@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 @inlined
 def scatter_coordinates(t: float, q: Reals, v: Reals, arrays: Arrays, state: State) -> None:
     """Fill State.q, v, a from the solver's free coordinates, first-order states and the drives; free accelerations
-    become zero, and the forces along all coordinates, which are the rates z' of states.
+    become zero, and the forces along all coordinates, which are the rates z' of states. Sensors are those of time t.
     """
+    state.time[0] = t
     states = arrays.world[0].states
     for k in range(states):
         i = state.v.shape[0] - states + k
