@@ -11,7 +11,7 @@ from .test_extending import MODELLING
 
 ROOT = Path(__file__).parents[1]
 PRINTED = re.compile(r"^\s*print\(.*\)  # (.*)$", re.MULTILINE)
-OTHERS = {"extending", "importing", "tour"}  # pages whose examples need files, which other tests write
+OTHERS = {"extending", "fmpy", "importing", "tour"}  # pages whose examples need files, which other tests write
 PAGES = sorted(page for page in (ROOT / "docs").rglob("*.md") if page.stem not in OTHERS.union(MODELLING))
 EXAMPLES = [
     pytest.param(page, k, block, id=f"{page.stem}-{k}")
