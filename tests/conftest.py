@@ -7,10 +7,14 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from mbfmu.modeling import Model
+    from mbfmu.native.parameters import SettableParameters
 
 # The same examples in every run: a new failure means changed code. ``--hypothesis-profile=search`` looks for new ones.
 settings.register_profile("same", max_examples=20, derandomize=True, deadline=None)
@@ -43,6 +47,29 @@ def fourbar_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from mbfmu.session.simulation import Settings
 
     return export(FourBar(), tmp_path_factory.mktemp("fmu") / "fourbar.fmu", Settings(solver="adams"), native=False)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _search_parameters_once() -> Iterator[None]:
+    """Find the settable parameters of an included model once: tests export these models many times.
+
+    A search builds a model some hundred times. Tests of the search call it themselves.
+    """
+    from mbfmu.native import data
+
+    search, found = data.find_settable, {}
+
+    def find_once(model: Model) -> SettableParameters:
+        if not type(model).__module__.startswith("fmus."):
+            return search(model)
+        key = type(model).build, repr(model)
+        if key not in found:
+            found[key] = search(model)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(data, "find_settable", find_once)
+        yield
 
 
 @pytest.fixture(autouse=True)

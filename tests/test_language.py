@@ -97,7 +97,12 @@ def explanations(path: str) -> list[tuple[int, str]]:
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
             found.append((token.start[0], token.string))
-    return [(number, re.sub(r"`+[^`]*`+", "", line)) for number, line in sorted(found)]
+    return [(number, without_spans(line)) for number, line in sorted(found)]
+
+
+def without_spans(text: str) -> str:
+    """Return lines without spans of code."""
+    return re.sub(r"`+[^`\n]*`+", "", text)
 
 
 @cache
@@ -126,7 +131,11 @@ def test_pages_are_in_plain_technical_english(page: str) -> None:
 
 def test_docstrings_and_comments_are_in_plain_technical_english() -> None:
     patterns = {pattern: instead for pattern, instead in PATTERNS.items() if not pattern.startswith("^#")}
-    found = [line for path in SOURCES + CHECKS for line in hits(path, explanations(path), patterns)]
+    found = []
+    for path in SOURCES + CHECKS:
+        # few modules contain such words at all; to find the comments of all takes much longer
+        if any_of(tuple(patterns)).search(without_spans((ROOT / path).read_text())):
+            found += hits(path, explanations(path), patterns)
     assert not found, "\n".join(found)
 
 

@@ -26,6 +26,8 @@ from fmus.pendulum import SwingPendulum
 from fmus.sheet import Sheet
 from mbfmu.fmi import export
 from mbfmu.modeling import Model
+from mbfmu.native import data
+from mbfmu.native.parameters import find_settable
 from mbfmu.native.runtime import COMPILERS
 from mbfmu.native.targets import TARGETS, host
 from mbfmu.session.simulation import Settings, Simulation
@@ -357,7 +359,8 @@ def test_nothing_is_called_but_the_c_library_and_nothing_else_is_offered(
     assert names <= {"linux-vdso", "libc", "libm", "libdl", "ld-linux-x86-64", "ld-linux-aarch64"}
 
 
-def test_equal_models_make_equal_files(tmp_path: Path):
+def test_equal_models_make_equal_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(data, "find_settable", find_settable)  # the parameters are searched for each file
     files = [export(FourBar(), tmp_path / f"{k}.fmu", Settings(solver="adams"), native=True) for k in range(2)]
     assert files[0].read_bytes() == files[1].read_bytes()
 
