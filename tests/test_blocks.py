@@ -37,6 +37,15 @@ def ramp_response(numerator: Any, denominator: Any, times: Any, *, power: int) -
     return np.real(found) + direct * times ** (power - 1)
 
 
+def test_outputs_accept_blocks_and_states() -> None:
+    m, wheel = turning_wheel()
+    for name, handle in (("lag", m.lag("lag", wheel.rate(), time_constant=0.1)), ("state", m.state("state", "-z"))):
+        m.output(name, handle)
+        assert m.outputs[-1][1] == handle.value()
+    with pytest.raises(UserError, match=r"output 'x' is 3; allowed: a sensor, .* a block or a state"):
+        m.output("x", 3)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("solver", list(SOLVERS))
 def test_lag_and_transfer_functions_respond_to_a_ramp_and_to_a_step(solver: str) -> None:
     m, wheel = turning_wheel()

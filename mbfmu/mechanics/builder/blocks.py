@@ -73,6 +73,11 @@ class BlockHandle:
         return self._outputs[k]
 
 
+def sensor_of(given: Any) -> Any:
+    """Return the sensor of the output of a block or of the value of a state; all else as it is."""
+    return given.value() if isinstance(given, BlockHandle | StateHandle) else given
+
+
 class Blocks(Expressions):
     """Base of :class:`.Mechanism`: linear blocks.
 

@@ -11,7 +11,7 @@ from mbfmu.mechanics.numbers import finite, not_negative, positive
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
-from .blocks import BlockHandle
+from .blocks import BlockHandle, sensor_of
 from .bodies import coordinate_of
 from .delays import Delays
 from .states import StateHandle
@@ -82,8 +82,7 @@ class Events(Delays):
                 f"{what} is given {'no' if sensor is None else 'a'} sensor and {at!r} for its time; "
                 "allowed: one of the two. Give a sensor, or a time by `at`"
             )
-        if isinstance(sensor, BlockHandle | StateHandle):
-            sensor = sensor.value()
+        sensor = sensor_of(sensor)
         if sensor is not None:
             if not isinstance(sensor, Sensor):
                 raise UserError(

@@ -33,9 +33,10 @@ from mbfmu.mechanics.sensors import (
     Sensor,
 )
 from mbfmu.mechanics.signals import Input, Signal, SpeedInput
-from mbfmu.util.errors import UserError, missing_attribute
+from mbfmu.util.errors import UserError, missing_attribute, short
 
 from .appearance import Appearance
+from .blocks import BlockHandle, sensor_of
 from .bodies import UNPLACED, Body, coordinate_of
 from .events import Events
 from .flexible_handle import FlexibleHandle
@@ -43,6 +44,7 @@ from .graph import check_joint
 from .handles import CouplingHandle, CutHandle, Mesh
 from .joint_handle import JointHandle
 from .measurements import Measurements
+from .states import StateHandle
 
 # Numbers of five digits: 1.5708 for a right angle is off by 3.7e-6 rad, and a loop has several.
 ASSEMBLY_TOLERANCE, MAX_ASSEMBLY_TOLERANCE = 2e-5, 1e-2
@@ -317,7 +319,13 @@ class Mechanism(Appearance, Events, Measurements):
         """Cut joints and couplings, in the order of their constraint equations."""
         return [*self.cuts, *self.couplings]
 
-    def output(self, name: str, sensor: Sensor, description: str = "", nominal: float | None = None) -> None:
+    def output(
+        self,
+        name: str,
+        sensor: Sensor | BlockHandle | StateHandle,
+        description: str = "",
+        nominal: float | None = None,
+    ) -> None:
         """Add an output with a structured name such as ``crank.angle``.
 
         Parameters
@@ -325,7 +333,7 @@ class Mechanism(Appearance, Events, Measurements):
         name
             Unique name of the output, in the FMU and in results.
         sensor
-            Sensor, such as ``body.angle()`` or ``mechanism.energy``; it determines the unit.
+            Sensor, such as ``body.angle()`` or ``mechanism.energy``, or a block or a state; it determines the unit.
         description
             Description of the output variable of the FMU.
         nominal
@@ -338,8 +346,11 @@ class Mechanism(Appearance, Events, Measurements):
             The name is used already, or the sensor is not one of this mechanism.
         """
         self._new_name("output", name, [o[0] for o in self.outputs])
+        sensor = sensor_of(sensor)
         if not isinstance(sensor, Sensor):
-            raise UserError(f"output {name!r} is {sensor!r}; it must be a sensor, such as Body.angle()")
+            raise UserError(
+                f"output {name!r} is {short(sensor)}; allowed: a sensor, such as Body.angle(), a block or a state"
+            )
         check_element_type(f"output {name!r}", sensor, Sensor)
         if not isinstance(description, str):
             raise UserError(f"description of output {name!r} is {description!r}; allowed: text")
