@@ -58,7 +58,7 @@ def test_every_benchmark_stands_on_its_page() -> None:
 
 def test_the_page_of_signals_has_all_functions_of_expressions_and_all_continuations_of_tables() -> None:
     page = (DOCS / "signals.md").read_text()
-    listed = page.partition("**Expressions** are texts")[2].partition("\n\n`Noise`")[0]
+    listed = page.partition("**Expressions** are texts")[2].partition("\n\n**Functions**")[0]
     constants = re.findall(r"`(\w+)`", listed.partition("the constants ")[2].partition(", the variables")[0])
     functions = re.findall(r"`(\w+)`", listed.partition("- the functions ")[2])
     assert sorted(constants + functions) == sorted(FUNCTIONS)
