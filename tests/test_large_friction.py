@@ -27,23 +27,23 @@ def start(size: float) -> tuple[Any, Any, Any]:
     return rng.uniform(0.5, 2.0, BLOCKS), size * rng.uniform(-0.2, 0.2, BLOCKS), size * rng.uniform(-1.0, 1.0, BLOCKS)
 
 
-def stack(size: float, *, controlled: bool = False) -> mb.Mechanism:
+def stack(size: float, *, controlled: bool = False, between_points: bool = False) -> mb.Mechanism:
     """A stack of blocks that slide on each other along one line, held by springs; a motor may drive the uppermost one,
-    which a controller positions.
+    which a controller positions. The friction is that of the joints, or along the line between points of the blocks.
     """
     m, parent = mb.Mechanism(), None
     for k, (mass, x, v) in enumerate(zip(*start(size), strict=True)):
         joint = mb.Translational(axis="x", start=x, rate=v, fixed=True, nominal=size)
         block = m.body(f"block{k}", parent or m.ground, joint, mass=mass)
         m.force(f"spring{k}", mb.JointSpring(stiffness=STIFFNESS), block)
-        m.force(
-            f"friction{k}",
-            mb.JointFriction(
-                coulomb=size * COULOMB, static=size * STATIC, stribeck=0.3 * size, viscous=VISCOUS,
-                deflection=2e-3 * size,
-            ),
-            block,
-        )  # fmt: skip
+        given: dict[str, Any] = {
+            "coulomb": size * COULOMB, "static": size * STATIC, "stribeck": 0.3 * size, "viscous": VISCOUS,
+            "deflection": 2e-3 * size,
+        }  # fmt: skip
+        if between_points:
+            m.force(f"friction{k}", mb.LineFriction(at_b=(5.0 * size, 0, 0), **given), parent or m.ground, block)
+        else:
+            m.force(f"friction{k}", mb.JointFriction(**given), block)
         parent = block
     assert parent is not None
     if controlled:
@@ -128,3 +128,14 @@ def test_blocks_that_slide_on_each_other(solver: str, tolerance: float, size: fl
     assert np.abs(v[BLOCKS : 2 * BLOCKS] - bristles).max() < 1e-4
     if controlled:
         assert v[2 * BLOCKS :] / size == pytest.approx(motor, abs=1e-4)
+
+
+@pytest.mark.parametrize(("solver", "tolerance"), [("ida", 1e-7), ("esdirk", 1e-6)])
+def test_blocks_with_friction_between_points(solver: str, tolerance: float) -> None:
+    positions, bristles, _ = reference()
+    simulation = Simulation(stack(1.0, between_points=True), Settings(solver=solver, tolerance=tolerance))
+    assert isinstance(simulation.stepper, TreeIDAStepper) is (solver == "ida")
+    assert simulation.advance(DURATION).ok
+    q, v = simulation.stepper.q, simulation.stepper.v
+    assert np.abs(np.cumsum(q) - positions).max() < 1e-5
+    assert np.abs(v[BLOCKS : 2 * BLOCKS] - bristles).max() < 1e-4

@@ -116,3 +116,39 @@ def test_a_normal_force_may_be_a_law_of_the_length() -> None:
 def test_wrong_friction_is_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(UserError, match=said):
         slider(None, mb.LineFriction(**({"coulomb": 1.0} | wrong)))
+
+
+def test_the_tolerance_is_that_of_the_nominal_value_of_the_coordinates() -> None:
+    """Parts of 1 m at a distance of 1 km: the bristle of 1 mm is resolved at 1e-4, and by default it is 1e-5 m."""
+    for deflection, said in ((1e-3, ()), (None, ("unresolved-friction",))):
+        m = mb.Mechanism()
+        body = m.body("mass", m.ground, mb.Translational(axis="x", at=(1e3, 0, 0), nominal=1.0), mass=2.0)
+        friction = mb.LineFriction(coulomb=1.0, deflection=deflection, at_a=(999.0, 0, 0))
+        m.force("seal", friction, m.ground, body)
+        result = mb.simulate(m, 0.01, solver="radau", tolerance=1e-4)
+        assert tuple(d.code for d in result.diagnostics) == said
+    assert "deflection of force 'seal' is 1e-05" in result.diagnostics[0].text
+
+
+@pytest.mark.parametrize("others", [0, 60])
+def test_a_load_that_friction_holds_and_vibrates_about_its_place(others: int) -> None:
+    """A mass on a slope: friction along a line that crosses the slope at 45 degrees holds it. The bristle has the
+    stiffness mu / d along the line.
+    """
+    mass, friction, d = 2.0, 40.0, 1e-4
+    m = mb.Mechanism(gravity=(0.5 * G, 0.0, -G))
+    body = m.body("mass", m.ground, mb.Translational(axis="x"), mass=mass)
+    m.force("seal", mb.LineFriction(coulomb=friction, deflection=d, at_a=(-1.0, 1.0, 0.0)), m.ground, body)
+    for k in range(others):
+        m.body(f"other{k}", m.ground, mb.Revolute(axis="y", start=1.1), **mb.rod(mass=1.0, length=1.0))
+    found = mb.equilibrium(m)
+    load = 0.5 * mass * G * np.sqrt(2.0)  # along the line
+    assert load < 0.9 * friction
+    assert found.states()["seal.bristle"] == pytest.approx(
+        load / friction, rel=1e-4
+    )  # the line turns by the deflection
+    assert any("friction holds the start position" in d.text for d in found.diagnostics)
+    frequencies = [shape.mode.natural_frequency for shape in mb.modes(m, count=200)]
+    expected = np.sqrt(0.5 * friction / d / mass)
+    assert min(abs(f / expected - 1.0) for f in frequencies) < 1e-3
+    assert np.abs(mb.linearize(m).A - found.state_space.A).max() == 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -38,14 +38,20 @@ def fill_estimates(mechanism: Mechanism, system: AnySystem, data: Data, length: 
     if not found:
         return
     dense = system.dense() if isinstance(system, TreeSystem) and system.dense is not None else system
-    inertias = coordinate_inertias(dense, start_positions(mechanism))
+    q = start_positions(mechanism)
+    motions = free_motions(dense, q)
+    inertias = coordinate_inertias(dense, motions)
+    between = [(acting, record) for acting, record in found if not acting.load.on_joint]
+    for (acting, record), slips in zip(between, slip_derivatives(dense, between, data, q), strict=True):
+        moved = slips * dense.size[: len(slips)]
+        if acting.load.slip(record, data.state.bodies) is None:
+            acting.load.fill_estimates(record, float(data.arrays.bodies["mass"][acting.bodies[0].index]), length)
+        else:
+            acting.load.fill_estimates(record, slip_inertia(moved, motions), np.abs(moved).max(initial=0.0) or length)
     for acting, record in found:
-        body = acting.bodies[0]
         if not acting.load.on_joint:
-            along_slip = slip_inertia(dense, acting, record, data, start_positions(mechanism))
-            mass = float(data.arrays.bodies["mass"][body.index]) if along_slip is None else along_slip
-            acting.load.fill_estimates(record, mass, length)
             continue
+        body = acting.bodies[0]
         k = int(data.arrays.bodies["vf"][body.index])
         along, arms = np.array(acting.load.coordinates), np.array(acting.load.arms)
         inertia = float((inertias[k + along] / arms**2).mean()) if k >= 0 else 0.0  # else a drive moves it
@@ -69,38 +75,47 @@ def unresolved_loads(
     """
     found = []
     for acting, record in sticking_loads(mechanism, data):
-        displacement, size = acting.load.resolved_displacement(record), length
-        if acting.load.on_joint:
-            size = bearing_size(acting, length)
-        allowed = tolerance * size
+        displacement = acting.load.resolved_displacement(record)
+        allowed = tolerance * acting.load.nominal_displacement(record, length)
         if displacement < (1.0 - 1e-9) * allowed:
             found.append((acting.what, displacement, allowed))
     return found
 
 
-def slip_inertia(system: AnySystem, acting: Acting, record: Any, data: Data, q: Array) -> float | None:
-    """Return the inertia that the slip of a load moves at positions q (nq,), kg: 1 / (j M^-1 j) with its derivatives j
-    by the velocities, for the motions that the constraints allow; 0: they allow none. None: it has no single slip.
+def slip_derivatives(system: AnySystem, loads: list[tuple[Acting, Any]], data: Data, q: Array) -> Array:
+    """Return the derivatives (loads, n) of the slips of loads, given with their records, by the velocities at positions
+    q (nq,); zero for a load without a single slip.
     """
-    if acting.load.slip(record, data.state.bodies) is None:
-        return None
-    terms, v = system.allocate_terms(), np.zeros(system.n)
-    slips = np.zeros(system.n_velocities)
-    for k in range(len(slips)):
-        v[k] = 1.0
+    terms, v, found = system.allocate_terms(), np.zeros(system.n), np.zeros((len(loads), system.n_velocities))
+
+    def slips() -> Array:
         system.fill(0.0, q, v, terms)
-        slips[k], v[k] = acting.load.slip(record, data.state.bodies) or 0.0, 0.0
-    system.fill(0.0, q, v, terms)
-    slips -= acting.load.slip(record, data.state.bodies) or 0.0  # of drives
-    values, motions, _ = free_motions(system, q)
-    mobility = float(np.sum((motions @ (slips * system.size[: len(slips)])) ** 2 / values))
+        return np.array([acting.load.slip(record, data.state.bodies) or 0.0 for acting, record in loads])
+
+    for k in range(system.n_velocities if loads else 0):
+        v[k] = 1.0
+        found[:, k], v[k] = slips(), 0.0
+    return found - slips()[:, np.newaxis]  # less those of drives
+
+
+def slip_inertia(moved: Array, motions: FreeMotions) -> float:
+    """Return the inertia that a slip moves, kg: 1 / (j M^-1 j) with its derivatives j by the velocities, which are
+    given in sizes of the coordinates, for the motions that the constraints allow; 0: they allow none.
+    """
+    mobility = float(np.sum((motions.directions @ moved) ** 2 / motions.masses))
     return 1.0 / mobility if mobility > 0.0 else 0.0
 
 
-def free_motions(system: AnySystem, q: Array) -> tuple[Array, Array, Array]:
-    """Return the masses of orthogonal motions that the constraints allow at q, those motions as rows, and the diagonal
-    of the mass matrix, all scaled by the sizes of the coordinates.
-    """
+class FreeMotions(NamedTuple):
+    """Orthogonal motions that the constraints allow, scaled by the sizes of the coordinates."""
+
+    masses: Array  # (k,)
+    directions: Array  # (k, n)
+    diagonal: Array  # (n,) of the mass matrix
+
+
+def free_motions(system: AnySystem, q: Array) -> FreeMotions:
+    """Return the motions that the constraints allow at positions q (nq,)."""
     terms, moving = system.allocate_terms(), system.n_velocities
     system.fill(0.0, q, np.zeros(system.n), terms)
     size, motions = system.size[:moving], np.eye(moving)
@@ -111,15 +126,15 @@ def free_motions(system: AnySystem, q: Array) -> tuple[Array, Array, Array]:
         motions = motions[int(np.sum(sigma > REDUNDANT_SINGULAR_RATIO * sigma.max(initial=0.0))) :]
     values, vectors = scipy.linalg.eigh(motions @ scaled @ motions.T)
     inert = values > REDUNDANT_SINGULAR_RATIO * values.max(initial=0.0)
-    return values[inert], vectors[:, inert].T @ motions, found
+    return FreeMotions(values[inert], vectors[:, inert].T @ motions, found)
 
 
-def coordinate_inertias(system: AnySystem, q: Array) -> Array:
-    """Return the inertia that each coordinate moves at positions q (nq,), kg m^2 or kg: 1 / (e M^-1 e) for the
-    motions that the constraints allow. Its diagonal entry of M if they do not allow any, or if M is singular.
+def coordinate_inertias(system: AnySystem, motions: FreeMotions) -> Array:
+    """Return the inertia that each coordinate moves, kg m^2 or kg: 1 / (e M^-1 e) for the motions that the constraints
+    allow. Its diagonal entry of M if they do not allow any, or if M is singular.
     """
-    values, motions, found = free_motions(system, q)
-    mobility = np.sum(motions**2 / values[:, np.newaxis], axis=0)
+    found = motions.diagonal.copy()
+    mobility = np.sum(motions.directions**2 / motions.masses[:, np.newaxis], axis=0)
     allowed = mobility * found > REDUNDANT_SINGULAR_RATIO
     found[allowed] = 1.0 / mobility[allowed]
     return np.asarray(found / system.size[: system.n_velocities] ** 2)

@@ -262,6 +262,10 @@ class Load(ElementType):
         """
         return None
 
+    def nominal_displacement(self, record: Any, length: float) -> float:
+        """Return the nominal value of that displacement, rad or m, in a mechanism of this length, m."""
+        return length
+
     def resolved_displacement(self, record: Any) -> float:
         """Return the displacement of its joint coordinate that tolerances must resolve, rad or m; infinite: none."""
         return np.inf

@@ -233,6 +233,10 @@ class BristleFriction(Force):
         """Write the inertia, which damps the bristle, and the default of the deflection."""
         record["estimated_inertia"], record["estimated_deflection"] = inertia, RELATIVE_DEFLECTION * size
 
+    def nominal_displacement(self, record: Any, length: float) -> float:
+        """Return the size of the coordinate, rad or m."""
+        return float(record["estimated_deflection"]) / RELATIVE_DEFLECTION
+
     def resolved_displacement(self, record: Any) -> float:
         """Return the deflection of the bristle, rad or m."""
         return float(record["deflection"] or record["estimated_deflection"])

@@ -13,13 +13,13 @@ from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.numbers import not_negative, positive
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.kernel import inlined, jit_uncached, kernel
 from solvers.compiled.record import i8
 
 from .base import Force, PointPairRecord, Points, fill_points
 from .distance_stop import DistanceStop
 from .given import LINE_QUANTITIES, GivenForce, LawRecord
-from .spring import connecting_line, pull_together
+from .spring import line_of, pull_together, value_on_line
 from .stops import LimitRecord, dissipated_power, stop_energy, stop_force
 
 if TYPE_CHECKING:
@@ -36,45 +36,63 @@ class StrokeRecord(LimitRecord, LineForceRecord):
     """Parameters of :class:`LineForce` with limits of the stroke."""
 
 
+@inlined
+def push(force: Any, line: Any, f: Any, state: State) -> None:
+    """Let a force ``f``, N, push its points apart. Points that coincide have no line of action: there is no force."""
+    length = line[3]
+    pull_together(state.bodies[force.a], state.bodies[force.b], line, -f if length != 0.0 else 0.0 * length)
+
+
+@inlined
+def push_limited(force: Any, line: Any, f: Any, state: State) -> None:
+    """As :func:`push`, with the force of the end stops."""
+    _, _, _, length, rate = line
+    push(force, line, f + stop_force(force, length, rate), state)
+
+
+@inlined
+def power_along(line: Any, f: Any) -> Any:
+    """Force times rate of the distance."""
+    _, _, _, length, rate = line
+    return f * rate if length != 0.0 else 0.0 * length
+
+
+@inlined
+def power_along_limited(force: Any, line: Any, f: Any) -> Any:
+    """As :func:`power_along`, and what the end stops dissipate."""
+    _, _, _, length, rate = line
+    return power_along(line, f) + (dissipated_power(force, length, rate) if length != 0.0 else 0.0 * length)
+
+
 @kernel
 def apply(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    line = connecting_line(force, A, B)
-    _, _, _, length, _ = line
-    pull_together(A, B, line, -signal_value(force.signal, t, arrays) if length != 0.0 else 0.0 * length)
+    """See :mod:`.base`."""
+    push(force, line_of(force, state), signal_value(force.signal, t, arrays), state)
 
 
 @kernel
 def power(force: LineForceRecord, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the distance."""
-    _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    return signal_value(force.signal, t, arrays) * rate if length != 0.0 else 0.0 * length
+    return power_along(line_of(force, state), signal_value(force.signal, t, arrays))
 
 
 @kernel
 def apply_limited(force: StrokeRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`. Points that coincide have no line of action: there is no force."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    line = connecting_line(force, A, B)
-    _, _, _, length, rate = line
-    push = signal_value(force.signal, t, arrays) + stop_force(force, length, rate) if length != 0.0 else 0.0 * length
-    pull_together(A, B, line, -push)
+    """See :mod:`.base`."""
+    push_limited(force, line_of(force, state), signal_value(force.signal, t, arrays), state)
 
 
 @kernel
 def potential_limited(force: StrokeRecord, arrays: Arrays, state: State) -> float:
     """Energy of the stops."""
-    _, _, _, length, _ = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+    _, _, _, length, _ = line_of(force, state)
     return stop_energy(force, length)
 
 
 @kernel
 def power_limited(force: StrokeRecord, t: float, arrays: Arrays, state: State) -> float:
     """Force times rate of the distance, and what the stops dissipate."""
-    _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    given = signal_value(force.signal, t, arrays) * rate
-    return given + dissipated_power(force, length, rate) if length != 0.0 else 0.0 * length
+    return power_along_limited(force, line_of(force, state), signal_value(force.signal, t, arrays))
 
 
 class LimitedLineForce(Force):
@@ -97,16 +115,15 @@ class StrokeLawRecord(LimitRecord, LineLawRecord):
 @cache
 def kernels_of(value: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes."""
+    evaluate = value_on_line(value)
 
     def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
-        A, B = state.bodies[force.a], state.bodies[force.b]
-        line = connecting_line(force, A, B)
-        _, _, _, length, rate = line
-        pull_together(A, B, line, -value(force, t, arrays, state, length, rate) if length != 0.0 else 0.0 * length)
+        line = line_of(force, state)
+        push(force, line, evaluate(force, t, arrays, state, line), state)
 
     def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
-        _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-        return value(force, t, arrays, state, length, rate) * rate if length != 0.0 else 0.0 * length
+        line = line_of(force, state)
+        return power_along(line, evaluate(force, t, arrays, state, line))
 
     return jit_uncached(apply), jit_uncached(power)
 
@@ -114,21 +131,15 @@ def kernels_of(value: Any) -> tuple[Any, Any]:
 @cache
 def limited_kernels_of(value: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` of a force that the kernel ``value`` computes, with limits of the stroke."""
+    evaluate = value_on_line(value)
 
     def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
-        A, B = state.bodies[force.a], state.bodies[force.b]
-        line = connecting_line(force, A, B)
-        _, _, _, length, rate = line
-        push = 0.0 * length
-        if length != 0.0:
-            push = value(force, t, arrays, state, length, rate) + stop_force(force, length, rate)
-        pull_together(A, B, line, -push)
+        line = line_of(force, state)
+        push_limited(force, line, evaluate(force, t, arrays, state, line), state)
 
     def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
-        _, _, _, length, rate = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-        if length == 0.0:
-            return 0.0 * length
-        return value(force, t, arrays, state, length, rate) * rate + dissipated_power(force, length, rate)
+        line = line_of(force, state)
+        return power_along_limited(force, line, evaluate(force, t, arrays, state, line))
 
     return jit_uncached(apply), jit_uncached(power)
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.util.errors import UserError
-from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.kernel import inlined, jit_uncached, kernel
 
 from .base import PointPairRecord, Points, fill_points
 from .bristle import BristleFriction, BristleRecord, signal_of_normal
 from .given import LINE_QUANTITIES
 from .slip import slip_state
-from .spring import connecting_line, pull_together
+from .spring import line_of, pull_together, value_on_line
 
 if TYPE_CHECKING:
     from mbfmu.mechanics.records import Arrays, State
@@ -30,49 +30,50 @@ class LineFrictionRecord(BristleRecord, PointPairRecord):
     """Parameters of :class:`LineFriction`."""
 
 
-@kernel
-def apply(force: LineFrictionRecord, t: float, arrays: Arrays, state: State) -> None:
-    """See :mod:`.base`. Points that coincide have no line of action: there is no friction."""
-    A, B = state.bodies[force.a], state.bodies[force.b]
-    line = connecting_line(force, A, B)
+@inlined
+def resist(force: Any, line: Any, normal: Any, state: State) -> None:
+    """Add the friction under a normal force, N, and the rate of its bristle. Points that coincide have no line of
+    action: there is no friction.
+    """
     _, _, _, length, slip = line
     if length != 0.0:
-        normal = signal_of_normal(force, t, arrays, state)
         resistance, rate = slip_state(force, normal, slip, state.v[force.state])
-        pull_together(A, B, line, resistance)
+        pull_together(state.bodies[force.a], state.bodies[force.b], line, resistance)
         state.Q[force.state] += rate
+
+
+@inlined
+def power_of_slip(force: Any, line: Any, normal: Any, state: State) -> Any:
+    """Force times slip: heat, and what the bristle stores."""
+    _, _, _, length, slip = line
+    resistance, _ = slip_state(force, normal, slip, state.v[force.state])
+    return -resistance * slip if length != 0.0 else 0.0 * length
+
+
+@kernel
+def apply(force: LineFrictionRecord, t: float, arrays: Arrays, state: State) -> None:
+    """See :mod:`.base`."""
+    resist(force, line_of(force, state), signal_of_normal(force, t, arrays, state), state)
 
 
 @kernel
 def power(force: LineFrictionRecord, t: float, arrays: Arrays, state: State) -> float:
-    """Force times slip: heat, and what the bristle stores."""
-    _, _, _, length, slip = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-    normal = signal_of_normal(force, t, arrays, state)
-    resistance, _ = slip_state(force, normal, slip, state.v[force.state])
-    return -resistance * slip if length != 0.0 else 0.0 * length
+    """Force times slip."""
+    return power_of_slip(force, line_of(force, state), signal_of_normal(force, t, arrays, state), state)
 
 
 @cache
 def kernels_of_normal(normal: Any) -> tuple[Any, Any]:
     """Return ``apply`` and ``power`` with the normal force that the kernel ``normal`` computes."""
+    evaluate = value_on_line(normal)
 
     def apply(force: Any, t: float, arrays: Arrays, state: State) -> None:
-        A, B = state.bodies[force.a], state.bodies[force.b]
-        line = connecting_line(force, A, B)
-        _, _, _, length, slip = line
-        if length != 0.0:
-            pressing = normal(force, t, arrays, state, length, slip)
-            resistance, rate = slip_state(force, pressing, slip, state.v[force.state])
-            pull_together(A, B, line, resistance)
-            state.Q[force.state] += rate
+        line = line_of(force, state)
+        resist(force, line, evaluate(force, t, arrays, state, line), state)
 
     def power(force: Any, t: float, arrays: Arrays, state: State) -> Any:
-        _, _, _, length, slip = connecting_line(force, state.bodies[force.a], state.bodies[force.b])
-        if length == 0.0:
-            return 0.0 * length
-        pressing = normal(force, t, arrays, state, length, slip)
-        resistance, _ = slip_state(force, pressing, slip, state.v[force.state])
-        return -resistance * slip
+        line = line_of(force, state)
+        return power_of_slip(force, line, evaluate(force, t, arrays, state, line), state)
 
     return jit_uncached(apply), jit_uncached(power)
 
@@ -101,7 +102,8 @@ class LineFriction(BristleFriction):
     uses
         Other quantities in the normal force, by their names, see :class:`.JointForce`.
     deflection
-        Deflection of the bristle at the force ``coulomb``, m. None: 1e-5 of the length of the mechanism.
+        Deflection of the bristle at the force ``coulomb``, m. None: 1e-5 of the change of the distance at the start if
+        the coordinate that changes it most changes by its nominal value.
     at_a, at_b
         Points in the frames of bodies a and b, m. They must not pass one another: points that coincide have no line of
         action, and the friction is omitted there.

@@ -17,7 +17,7 @@ from mbfmu.mechanics import law
 from mbfmu.mechanics.dispatch import signal_value
 from mbfmu.mechanics.kind import Attachment
 from mbfmu.mechanics.spatial import add_force, arm
-from solvers.compiled.kernel import jit_uncached, kernel
+from solvers.compiled.kernel import inlined, jit_uncached, kernel
 from solvers.compiled.record import i8
 
 from .base import Force, PointPairRecord, Points, fill_points
@@ -50,6 +50,25 @@ def connecting_line(force: PointPairRecord, A: MotionRecord, B: MotionRecord) ->
     dx, dy, dz = dx / length, dy / length, dz / length
     rate = dx * ux + dy * uy + dz * uz
     return (dx, dy, dz), (ax, ay, az), (bx, by, bz), length, rate
+
+
+@inlined
+def line_of(force: Any, state: State) -> Any:
+    """:func:`connecting_line` of the points of a force."""
+    return connecting_line(force, state.bodies[force.a], state.bodies[force.b])
+
+
+@cache
+def value_on_line(value: Any) -> Any:
+    """Return what evaluates a law of the distance and its rate, which the kernel ``value`` computes, on a line of
+    :func:`connecting_line`; zero for points that coincide, where the law may not be defined.
+    """
+
+    def evaluate(force: Any, t: float, arrays: Arrays, state: State, line: Any) -> Any:
+        _, _, _, length, rate = line
+        return value(force, t, arrays, state, length, rate) if length != 0.0 else 0.0 * length
+
+    return jit_uncached(evaluate)
 
 
 @kernel
