@@ -119,10 +119,10 @@ def test_a_driven_base_has_the_accuracy_of_the_solver(kind: str) -> None:
         assert not [remark for remark in map(str, found.diagnostics) if "input" in remark]
 
 
+@pytest.mark.parametrize(("begin", "end"), [(0.3123, 0.3377), (10 / 32, 11 / 32), (0.5, 0.515625)])
 @pytest.mark.parametrize("solver", ["adams", "ida", "radau"])
-def test_a_jump_of_a_load_is_met_between_outputs(solver: str) -> None:
-    """And a pulse."""
-    begin, end = 0.3123, 0.3377
+def test_a_jump_of_a_load_is_met_between_outputs(solver: str, begin: float, end: float) -> None:
+    """And a pulse. The times of the last two are ends of intervals of the approximation."""
     found = mb.simulate(
         slider(LOAD), 1.0, interval=0.02, solver=solver, tolerance=1e-8,
         inputs={"F": lambda t: 1.0 if begin < t < end else 0.0},
@@ -338,6 +338,19 @@ def test_no_pulse_by_points_is_missed_from_rest(solver: str, size: float, others
         )  # fmt: skip
         assert abs(found["x"][-1] - way) < 1e-4  # 100 tolerances
         assert not found.warning
+
+
+@pytest.mark.parametrize("given", [lambda t: float(10 <= t < 11), lambda t: float(8 < t <= 24) - 15.0 * (t > 24)])
+@pytest.mark.parametrize(("solver", "others"), [("adams", 0), ("radau", 0), ("ida", 0), ("esdirk", 60)])
+def test_no_jump_of_a_function_at_a_fraction_of_the_run_is_missed_from_rest(
+    solver: str, others: int, given: Callable[[float], float]
+) -> None:
+    """Piecewise constant over 32 s: the way is the sum of values times differences of squares of the times left."""
+    edges = np.array([0.0, 8.0, 10.0, 11.0, 24.0, 32.0])
+    values = [given(float(t)) for t in 0.5 * np.add(*pair_of(edges))]
+    way = 0.5 * float(values @ -np.diff((32.0 - edges) ** 2))
+    found = mb.simulate(slider(LOAD, 0.0, others=others), 32.0, interval=32.0, solver=solver, inputs={"F": given})
+    assert abs(found["x"][-1] - way) < 1e-5 * abs(way)
 
 
 def pair_of(values: Array) -> tuple[Array, Array]:

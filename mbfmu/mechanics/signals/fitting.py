@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -198,7 +198,28 @@ def fit(
             waiting += [(x, y, own.series(x, y), tail) for x, y in ((middle, b), (a, middle))]
             if len(found) + len(waiting) > MAX_INTERVALS:
                 raise UnresolvedError(f"it needs more than {MAX_INTERVALS} intervals, at t = {a:.9g} s")
+    if not smooth:
+        found = _enclose_jumps(found, 4.0 * max(CHECK_TOLERANCE, loose) * own.scale, MIN_INTERVAL_RATIO * span)
     return Pieces(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+def _enclose_jumps(found: list[tuple[float, float, Array]], allowed: float, least: float) -> list[Any]:
+    """Return the intervals with a short one, of at least ``least`` (s), where two long ones differ by more than
+    ``allowed``.
+
+    A jump exactly between two intervals has no short intervals from halving, which make the steps of solvers short.
+    """
+    result = found[:1]
+    for a, b, series in found[1:]:
+        begin, end, before = result[-1]
+        ends, width = chebyshev.chebval(1.0, before), max(least, 4.0 * np.finfo(float).eps * abs(a))
+        change = chebyshev.chebval(-1.0, series) - ends
+        if abs(change) > allowed and min(end - begin, b - a) > 4.0 * width:
+            line = np.zeros(_COUNT)
+            line[:2] = ends + 0.5 * change, 0.5 * change
+            result[-1:] = [(begin, a - width, before), (a - width, a, line)]
+        result.append((a, b, series))
+    return result
 
 
 def find_jump(pieces: Pieces) -> float | None:
