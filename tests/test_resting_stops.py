@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import mbfmu as mb
 from mbfmu.modeling.settings import Settings
-from mbfmu.session.resting_stops import lowest_time
+from mbfmu.session.kernels.pull_search import lowest_time
 from mbfmu.session.result import Result
 from mbfmu.session.simulation import Simulation
 
@@ -549,9 +549,9 @@ def test_a_sampled_force_lifts_a_ball_at_its_sample() -> None:
 
 def test_no_lowest_point_without_three_times() -> None:
     """The parabola through three points of different times has one; steps as long as the spacing of times have not."""
-    assert lowest_time([(0.0, 1.0), (1.0, 0.0), (2.0, 1.5)]) == pytest.approx(0.9)
-    assert lowest_time([(0.0, 1.0), (0.0, 1.0), (1.0, 2.0)]) is None
-    assert lowest_time([(0.0, 1.0), (1.0, 0.0), (1.0, 0.0)]) is None
+    assert lowest_time(0.0, 1.0, 1.0, 0.0, 2.0, 1.5) == pytest.approx(0.9)
+    assert np.isnan(lowest_time(0.0, 1.0, 0.0, 1.0, 1.0, 2.0))
+    assert np.isnan(lowest_time(0.0, 1.0, 1.0, 0.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize("solver", ["adams", "ida"])

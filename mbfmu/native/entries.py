@@ -52,6 +52,7 @@ from .image import MemoryImage
 from .kernel_table import kernel_numbers, numbers_in_fmu
 from .model_exchange import FORMULATIONS, exchange_entries
 from .refusals import refuse_model
+from .resting_memory import empty_resting_memory, resting_memory
 from .sampled_blocks import no_sampled_memory, sampled_memory
 from .start_checks import Start, check_resolution, find_misplaced
 from .steady_export import steady_start
@@ -87,6 +88,7 @@ class Instance(NamedTuple):
     linearization: Any  # mbfmu.native.derivatives.Linearization
     search: Any  # mbfmu.session.kernels.event_points.EventSearch
     events: Any  # .event_memory.EventMemory
+    resting: Any  # .resting_memory.RestingMemory
     step_begin: Any  # .event_memory.StepBegin
     sampled: Any  # .sampled_blocks.SampledMemory
 
@@ -149,7 +151,8 @@ def instance_of(simulation: Simulation, differentiates: bool) -> Instance:
     first = session, session.inputs, *state, *buffers, own, shared_eqs, shared, start
     events = memory_of(compiled)
     search = search_memory(compiled)._replace(crossed=events.crossed)
-    examined = search, events, StepBegin.allocate(len(search.sides)), sampled_memory(compiled)
+    step_begin = StepBegin.allocate(len(search.sides))
+    examined = search, events, resting_memory(compiled), step_begin, sampled_memory(compiled)
     return Instance(*first, *settings, *places, *more, *examined)
 
 
@@ -221,7 +224,8 @@ def _saved_arrays(compiled: CompiledMechanism, instance: Instance, family: str) 
         *own.work.memory(),
         *own.scales,
     ]
-    state += [*instance.events.memory(), *instance.search.memory(), *instance.sampled.memory()]
+    state += [*instance.events.memory(), *instance.resting.memory()]
+    state += [*instance.search.memory(), *instance.sampled.memory()]
     units = instance.work.size, instance.work.size_q, start.scratch.row
     state += [start.q, start.v, *units, instance.known, instance.options]
     if family in ELIMINATED_FAMILIES:
@@ -249,7 +253,8 @@ def example(name: str) -> Any:
     more = Exchange.allocate(1, 1, lambda: FORMULATIONS[name].branch(1, 1, 1)), SteadyStart.empty(), linear
     shared_eqs, shared = family.formulation(eqs, work)
     places = np.zeros(2, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(1, np.int64), z(1)
-    event_parts = EventSearch.allocate(*places), empty_memory(), StepBegin.allocate(), no_sampled_memory()
+    stops = empty_memory(), empty_resting_memory()
+    event_parts = EventSearch.allocate(*places), *stops, StepBegin.allocate(), no_sampled_memory()
     first = *run, given, shared_eqs, shared, start, *settings
     return pin(Instance(*first, frames, z(1), positions, *more, *event_parts))
 

@@ -27,6 +27,7 @@ from .event_memory import (
     TOO_MANY,
     EventMemory,
 )
+from .resting_memory import RestingMemory
 
 MAX_IMPACT_SWEEPS = 10_000  # of the impulses of several stops that are hit at one time
 IMPACT_TOLERANCE = 1e-14  # change of the impulses in a sweep, relative to the largest
@@ -37,6 +38,7 @@ def begin_events(events: EventMemory, t: float) -> None:
     """Begin at t, s: events of times before do not occur."""
     control = events.control[0]
     control.ended, control.failure, control.count, control.changed = 0, NO_FAILURE, 0, 0
+    control.first = t
     control.row, control.restarts = NO_ROW, 0
     for k in range(events.since.shape[0]):
         events.since[k] = np.nan
@@ -44,8 +46,6 @@ def begin_events(events: EventMemory, t: float) -> None:
         events.parameters[k] = np.nan
     for k in range(events.times.shape[0]):
         events.done[k] = 1 if events.times[k] < t else 0
-    for k in range(events.recent.shape[0]):
-        events.recent[k] = -np.inf
     for k in range(events.bounces.shape[0]):
         events.beyond[k] = 0
         for i in range(events.bounces.shape[1]):
@@ -94,19 +94,34 @@ def end_by_event(events: EventMemory, event: int) -> None:
 
 
 @kernel
-def record_events(events: EventMemory, search: EventSearch, t: float, duration: float) -> None:
-    """Record the events that are due, and stop the run if too many follow each other or a sensor rests at its stop."""
-    control, shortest = events.control[0], MIN_EVENTS_TIME_RATIO * duration
-    for event in range(events.due.shape[0]):
-        if events.due[event] == 0:
-            continue
-        for i in range(MAX_EVENTS):
-            events.recent[i] = events.recent[i + 1]
-        events.recent[MAX_EVENTS] = t
-        control.count += 1
+def count_event(
+    events: EventMemory, resting: RestingMemory, event: int, t: float, duration: float, holds: bool
+) -> None:
+    """Count an event at time t, s, and stop the run if too many occur in a time that is short compared with the
+    duration of the run, s. ``holds``: stops hold what rests on them after the bounces that are resolved.
+    """
+    control, shortest, limit = events.control[0], MIN_EVENTS_TIME_RATIO * duration, float(MAX_EVENTS)
+    for k in range(events.sensed.shape[0]):
+        if events.sensed[k] == event and resting.locks[k] >= 0 and holds:
+            restitution = events.values[resting.actions[k]]
+            limit = MAX_EVENTS / (1.0 - restitution) if restitution < 1.0 else limit
+    if t - control.first >= shortest:
+        control.first, control.count = t, 0
+    control.count += 1
+    if control.count > limit:
+        control.within = t - control.first
+        stop_by_event(events, event, TOO_MANY)
+
+
+@kernel
+def record_events(events: EventMemory, resting: RestingMemory, t: float, duration: float, holds: bool) -> None:
+    """Record the events that are due, and stop the run if too many follow each other, or if a sensor rests at a stop
+    that does not hold it. ``holds``: others hold.
+    """
+    shortest, control = MIN_EVENTS_TIME_RATIO * duration, events.control[0]
     for row in range(events.actions.shape[0]):
         action = events.actions[row]
-        if events.due[action.event] == 0 or action.kind != BOUNCE:
+        if events.due[action.event] == 0 or action.kind != BOUNCE or (holds and resting.locks[action.place] >= 0):
             continue
         times, is_short = events.bounces[action.place], True
         for i in range(RESTING_BOUNCES):
@@ -117,11 +132,9 @@ def record_events(events: EventMemory, search: EventSearch, t: float, duration: 
         if is_short:
             control.within = times[RESTING_BOUNCES] - times[0]
             stop_by_event(events, action.event, RESTING)
-    if control.count > MAX_EVENTS and t - events.recent[0] < shortest:
-        for event in range(events.due.shape[0] - 1, -1, -1):
-            if events.due[event] == 1:
-                control.within = t - events.recent[0]
-                stop_by_event(events, event, TOO_MANY)
+    for event in range(events.due.shape[0]):
+        if events.due[event] == 1:
+            count_event(events, resting, event, t, duration, holds)
 
 
 @kernel

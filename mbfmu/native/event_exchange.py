@@ -56,6 +56,7 @@ from .event_memory import (
 from .exchange_memory import NEXT_EVENT, pack_states
 from .exchange_times import begin_evaluation
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
+from .touched_stops import begin_impacts, begin_second_impact, may_change_velocities
 
 SAME_TIME_RATIO = 1e-9  # of times, relative or s: so much may the clock of an importing tool differ
 
@@ -114,7 +115,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     """
     project_at, keep, restore = formulation.project, formulation.keep, formulation.restore
     update_at = jit_uncached(update)
-    bounce, push, lock, adapt = jump_kernels(family.jumps)
+    _, bounce, push, lock, adapt = jump_kernels(family.jumps)
 
     @jit_uncached
     def evaluate(instance: Any, t: float) -> int:
@@ -181,15 +182,23 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         """Execute the actions of the events that are due, or the remaining ones after a parameter was set."""
         events, control, code = instance.events, instance.events.control[0], OK
         first = max(control.row, 0)
-        if control.row == NO_ROW and bounce(instance):
-            let_jump(instance)
+        if control.row == NO_ROW:
+            instance.resting.changes[0] = 1 if may_change_velocities(events) else 0
+            if instance.resting.changes[0] == 1:
+                begin_impacts(instance)
+                if bounce(instance):
+                    let_jump(instance)
         control.row = NO_ROW
         for row in range(first, events.actions.shape[0]):
             if events.due[events.actions[row].event] == 1 and code == OK and control.failure == NO_FAILURE:
                 code = execute(instance, row)
         if code == OK:
+            if instance.resting.changes[0] == 1 and control.failure == NO_FAILURE:
+                begin_second_impact(instance.resting)
+                if bounce(instance):
+                    let_jump(instance)
             end_if_requested(events)
-            record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+            record_events(events, instance.resting, instance.clock[0], instance.options[0].duration, False)
             record_bounces_beyond(events, instance.search)
         return code
 

@@ -34,6 +34,7 @@ from .event_memory import (
     EventMemory,
 )
 from .exchange_memory import RESTART
+from .touched_stops import has_hit, leave_out_touched, mark_taking_part, note_pushed
 
 
 @kernel
@@ -60,7 +61,10 @@ class Jumps(NamedTuple):
 class JumpKernels(NamedTuple):
     """What events do to the velocities; kernels over an instance that fill its ``dv``."""
 
-    bounce: Any  # (instance) -> bool: the impacts of the stops that are due; False: there is none, or it stops the run
+    fill_responses: Any  # (instance) -> one of FAILURES: the jumps by unit impulses of the stops that take part
+    # (instance) -> bool: the impact of the stops in ``base`` and of those that are touched; False: there is none, or it
+    # stops the run
+    bounce: Any
     push: Any  # (instance, place, value) -> one of FAILURES: an impulse on one coordinate
     lock: Any  # (instance, lock) -> one of FAILURES: the impulse that brings the rate of a joint to zero
     adapt: Any  # (instance) -> one of FAILURES: adapts the solver to joints that were locked or released
@@ -191,16 +195,11 @@ def failure_of_immobile_joint(instance: Any, place: int) -> int:
 
 
 @kernel
-def mark_hit_stops(events: EventMemory) -> bool:
-    """Mark the sensors whose stops are due; return whether there are any."""
-    is_any = False
+def stop_by_first_hit(events: EventMemory, failure: int) -> None:
+    """Note that the first stop that takes part in an impact stops the run."""
     for k in range(events.hit.shape[0]):
-        events.hit[k] = 0
-    for row in range(events.actions.shape[0]):
-        action = events.actions[row]
-        if action.kind == BOUNCE and events.due[action.event] == 1:
-            events.hit[action.place], is_any = 1, True
-    return is_any
+        if events.hit[k] == 1:
+            stop_by_event(events, events.sensed[k], failure)
 
 
 @kernel
@@ -246,8 +245,8 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
     prepare, respond = jumps.prepare, jumps.respond
 
     @jit_uncached
-    def fill_responses(instance: Any) -> bool:
-        """Fill the jumps by unit impulses of the stops that are hit; False: one of them stops the run."""
+    def fill_responses(instance: Any) -> int:
+        """Fill the jumps by unit impulses of the stops that take part; return one of FAILURES."""
         events, n = instance.events, instance.events.impulse.shape[0]
         failure = prepare(instance)
         for k in range(events.sensed.shape[0]):
@@ -257,30 +256,33 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
                 events.impulse[i] = -events.slopes[k, i]
             if failure == NO_FAILURE:
                 failure = respond(instance, events.impulse, instance.dv)
-            if failure != NO_FAILURE:
-                stop_by_event(events, events.sensed[k], failure)
-                return False
             for i in range(n):
                 events.responses[k, i] = instance.dv[i]
-        return True
+        return int(failure)
 
     @jit_uncached
     def bounce(instance: Any) -> bool:
-        """Fill the jump by the impacts of the stops that are due; False: there is none, or it stops the run."""
-        events = instance.events
-        if not mark_hit_stops(events):
-            return False
-        fill_slopes(instance)
-        if not fill_responses(instance):
-            return False
-        fill_demand(instance)
-        fill_effects(events)
-        wrong = solve_impacts(events)
-        if wrong >= 0:
-            stop_by_event(events, events.sensed[wrong], PRESCRIBED)
-            return False
-        combine_responses(events, instance.dv)
-        return True
+        """Fill the jump by the impact of the stops that take part; False: there is none, or it stops the run."""
+        events, resting = instance.events, instance.resting
+        is_any = mark_taking_part(instance)
+        while is_any:
+            fill_slopes(instance)
+            failure = fill_responses(instance)
+            if failure != NO_FAILURE:
+                stop_by_first_hit(events, failure)
+                return False
+            fill_demand(instance)
+            fill_effects(events)
+            wrong = solve_impacts(events)
+            if wrong < 0:
+                note_pushed(events, resting)
+                combine_responses(events, instance.dv)
+                return True
+            if not leave_out_touched(events, resting, wrong):
+                stop_by_event(events, events.sensed[wrong], PRESCRIBED)
+                return False
+            is_any = has_hit(events)
+        return False
 
     @jit_uncached
     def push(instance: Any, place: int, value: float) -> int:
@@ -320,7 +322,7 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
         instance.exchange.times[RESTART] = 1.0  # positions before are on other branches
         return NO_FAILURE if code == OK else SINGULAR
 
-    return JumpKernels(bounce, push, lock, adapt)
+    return JumpKernels(fill_responses, bounce, push, lock, adapt)
 
 
 DENSE_JUMPS = Jumps(prepare_dense, respond_dense)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
-from mbfmu.mechanics.arrays.numbering import lockable_joints
+from mbfmu.mechanics.arrays.numbering import joints_to_hold
 from mbfmu.mechanics.events import (
     Action,
     Bounce,
@@ -22,7 +22,7 @@ from mbfmu.mechanics.events import (
     SetInput,
     SetParameter,
 )
-from mbfmu.session.run_messages import MAX_EVENTS, RESTING_BOUNCES
+from mbfmu.session.run_messages import RESTING_BOUNCES
 from mbfmu.util.errors import UserError
 from solvers.compiled.record import Record, f8, i8
 from solvers.system import Array
@@ -65,7 +65,8 @@ class EventControlRecord(Record):
     failure: i8  # one of FAILURES
     event: i8  # number of the event that has ended or stopped the run
     within: f8  # s, in which too many events have occurred
-    count: i8  # number of events that have occurred
+    first: f8  # s, time from which on events are counted
+    count: i8  # number of events since then
     changed: i8  # 1: an input or a parameter was set by the last events
     row: i8  # action with which an interrupted step continues
     parameter: i8  # number, among those of events, of the parameter to be set
@@ -84,7 +85,7 @@ class ActionRecord(Record):
 
 
 class LockRecord(Record):
-    """A joint that events lock."""
+    """A joint that events lock, or stops."""
 
     body: i8
     position: i8  # place of its coordinate in the free positions, and in the free velocities
@@ -107,7 +108,7 @@ class EventMemory(NamedTuple):
     values: Array  # (a,) values of inputs and parameters, impulses, coefficients of restitution
     lasting: Array
     actions: Table[ActionRecord]  # (a,), in the order of the events and of their actions
-    locks: Table[LockRecord]  # of the joints that events lock
+    locks: Table[LockRecord]  # of the joints that events or stops lock
     nominals: Array  # (k,) typical sizes of the sensors
     sensed: NDArray[np.int64]  # (k,) numbers of the events that have sensors
     timed: NDArray[np.int64]  # (m,) numbers of the events of given times
@@ -116,7 +117,6 @@ class EventMemory(NamedTuple):
     ways: NDArray[np.int64]
     since: Array
     parameters: Array  # values of the parameters that events set; nan: no event has set it since it was given
-    recent: Array  # (MAX_EVENTS + 1,) s, times of the last events
     bounces: Array  # (k, RESTING_BOUNCES + 1) s, times of the last bounces of each sensor
     beyond: NDArray[np.int64]  # (k,) number of bounces of each sensor since it was last before its stop
     depths: Array  # (k,) how far each was beyond its stop at the last of these
@@ -150,7 +150,7 @@ class EventMemory(NamedTuple):
         parts = numbers, numbers[:k], numbers[k : k + m], numbers[k + m : len(numbers) - k], numbers[len(numbers) - k :]
         which = actions, locks, nominals, np.array(sensed, i), np.array(timed, i), z(m, i), z(events, i)
         lasting = np.array(ways, i), np.full(k, np.nan)
-        history = np.full(parameters, np.nan), z(MAX_EVENTS + 1), z((k, RESTING_BOUNCES + 1)), z(k, i), z(k)
+        history = np.full(parameters, np.nan), z((k, RESTING_BOUNCES + 1)), z(k, i), z(k)
         scratch = z(k, i), z((k, n)), z((k, n)), z((k, k)), z(k), z(k), z(k), z(n), z(nq)
         control = EventControlRecord.zeros(1)
         control["row"] = NO_ROW
@@ -158,7 +158,7 @@ class EventMemory(NamedTuple):
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save."""
-        histories = self.since, self.parameters, self.recent, self.bounces, self.beyond, self.depths
+        histories = self.since, self.parameters, self.bounces, self.beyond, self.depths
         return [self.control, self.numbers, self.locks, self.done, *histories]
 
 
@@ -256,9 +256,9 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
 
 
 def lock_records(compiled: CompiledMechanism) -> Any:
-    """Return the joints that events of a compiled mechanism lock."""
+    """Return the joints that events or stops of a compiled mechanism lock."""
     arrays = compiled.data.arrays
-    signals = {body: compiled.locks.signals[body] for body in lockable_joints(compiled.mechanism)}
+    signals = {body: compiled.locks.signals[body] for body in joints_to_hold(compiled.mechanism)}
     polynomials, locks = compiled.inputs.own.polynomials, LockRecord.zeros(len(signals))
     first = polynomials.ctypes.data - arrays.memory.ctypes.data
     for record, (body, number) in zip(locks, signals.items(), strict=True):

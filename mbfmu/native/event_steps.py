@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from mbfmu.session.event_search import MIN_STEPS_AFTER_RESTART
 from mbfmu.session.kernels.event_durations import update_durations
-from mbfmu.session.kernels.event_search import Search, search_of
+from mbfmu.session.kernels.event_search import Search, StepActions, search_of
 from mbfmu.session.kernels.points import account_discontinuity, check_point, energy_at
 from mbfmu.session.kernels.sequence import Sequence, SolverActions
 from mbfmu.session.sampled_blocks import EQUAL_TIME_SPACINGS
@@ -39,8 +39,10 @@ from .event_memory import (
     SET_INPUT,
     SET_PARAMETER,
 )
+from .resting_stops import resting_kernels
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 from .solver_steps import copy_words, step_actions
+from .touched_stops import begin_impacts, begin_second_impact, may_change_velocities
 
 
 class Execution(NamedTuple):
@@ -48,12 +50,17 @@ class Execution(NamedTuple):
 
     act: Any  # (instance) -> code: the actions of the events that are due; PARAMETER_CODE: call it again afterwards
     sample: Any  # (instance) -> bool: take the samples of the time reached; whether there are any
+    release: Any  # (instance) -> code: release the stops that would pull
+    hold_first: Any  # (instance) -> code: let stops hold what rests on them at the start
+    advance: Any  # (instance, end) -> code: advance to the next crossing, release of a stop, or to ``end``, s
 
 
-def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Execution:
+def execution_of(
+    family: Any, solver: SolverActions, sequence: Sequence, actions: StepActions, search: Search
+) -> Execution:
     """Return what happens at the events of a family."""
-    jump, restart = solver.jump, solver.restart
-    bounce, push, lock, adapt = jump_kernels(family.jumps)
+    jump, restart, jumps = solver.jump, solver.restart, jump_kernels(family.jumps)
+    _, bounce, push, lock, adapt = jumps
     set_input = jit_uncached(sequence.set_input)
 
     @jit_uncached
@@ -63,6 +70,9 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
         before = energy_at(instance.session, t, q, v)
         jump(instance)
         account_discontinuity(instance.session, before, t, q, v)
+
+    resting = resting_kernels(solver, jumps, actions, search, let_jump)
+    release_rested, release_pulled, hold_at_start, hold_pushed = resting[:4]
 
     @jit_uncached
     def apply_impulse(instance: Any, event: int, place: int, value: float) -> None:
@@ -125,17 +135,26 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
         first = control.row
         if first == NO_ROW:
             control.changed, first = 0, 0
-            if bounce(instance):
-                let_jump(instance)
+            instance.resting.changes[0] = 1 if may_change_velocities(events) else 0
+            if instance.resting.changes[0] == 1:
+                release_rested(instance)
+                begin_impacts(instance)
+                if bounce(instance):
+                    let_jump(instance)
         control.row = NO_ROW
         for row in range(first, events.actions.shape[0]):
             if events.due[events.actions[row].event] == 1 and code == OK and control.failure == NO_FAILURE:
                 code = execute(instance, row)
         if code == PARAMETER_CODE:
             return code
+        if code == OK and instance.resting.changes[0] == 1 and control.failure == NO_FAILURE:
+            begin_second_impact(instance.resting)
+            if bounce(instance):
+                let_jump(instance)
+            hold_pushed(instance)
         release_sides(events, instance.search, instance.options[0].rtol)
         end_if_requested(events)
-        record_events(events, instance.search, instance.clock[0], instance.options[0].duration)
+        record_events(events, instance.resting, instance.clock[0], instance.options[0].duration, True)
         note_durations(instance)
         if code == OK and control.failure != NO_FAILURE:
             return EVENT_FAILED
@@ -150,7 +169,17 @@ def execution_of(family: Any, solver: SolverActions, sequence: Sequence) -> Exec
             note_durations(instance)
         return is_any
 
-    return Execution(act, sample)
+    @jit_uncached
+    def release(instance: Any) -> int:
+        release_pulled(instance)
+        return OK if instance.events.control[0].failure == NO_FAILURE else EVENT_FAILED
+
+    @jit_uncached
+    def hold_first(instance: Any) -> int:
+        hold_at_start(instance)
+        return OK if instance.events.control[0].failure == NO_FAILURE else EVENT_FAILED
+
+    return Execution(act, sample, release, hold_first, resting.advance)
 
 
 @kernel
@@ -200,10 +229,10 @@ def restart_of(family: Any, solver: SolverActions, search: Search) -> Any:
 
 def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dict[str, Callable[..., int]]:
     """Return the entry points of models with events by their names; all take an instance and a time, s."""
-    search = search_of(step_actions(family, solver), jit_uncached)
-    begin_search, advance = jit_uncached(search.begin), jit_uncached(search.advance)
-    begin_step = jit_uncached(sequence.begin_step)
-    act, sample = execution_of(family, solver, sequence)
+    actions = step_actions(family, solver)
+    search = search_of(actions, jit_uncached)
+    begin_search, begin_step = jit_uncached(search.begin), jit_uncached(sequence.begin_step)
+    act, sample, release, hold_first, advance = execution_of(family, solver, sequence, actions, search)
     restart_in_steps = restart_of(family, solver, search)
 
     @jit_uncached
@@ -230,6 +259,8 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
                 return EVENT_FAILED
             is_event = collect_due(instance.events, instance.search, t, 0.0)
         code: int = act(instance) if is_event else OK
+        if code == OK:
+            code = hold_first(instance)
         if code == OK and control.ended == 0:
             sample(instance)
         return code
@@ -241,7 +272,10 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
         """
         control, slack = instance.events.control[0], EQUAL_TIME_SPACINGS * spacing(end)
         is_interrupted = control.row != NO_ROW
-        code: int = begin_step(instance, end) if control.ended == 0 and not is_interrupted else OK
+        code: int = OK
+        if control.ended == 0 and not is_interrupted:
+            code = release(instance)
+            code = begin_step(instance, end) if code == OK else code
         while code == OK and control.ended == 0:
             if not is_interrupted and control.restarts == 1 and instance.clock[0] < end:
                 control.restarts = 0
@@ -254,7 +288,9 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
             is_event = is_interrupted or collect_due(instance.events, instance.search, instance.clock[0], slack)
             is_interrupted = False
             code = act(instance) if is_event else OK
+            code = release(instance) if code == OK else code
             is_sample = code == OK and control.ended == 0 and sample(instance)
+            code = release(instance) if is_sample else code
             if not is_event and not is_sample and instance.clock[0] >= end:
                 break
             if code == OK and control.changed == 1 and control.ended == 0:

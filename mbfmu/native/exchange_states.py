@@ -10,7 +10,7 @@ import numpy as np
 
 from mbfmu.mechanics.arrays.assembly import free_bodies
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
-from mbfmu.mechanics.arrays.numbering import lockable_joints, states_of
+from mbfmu.mechanics.arrays.numbering import joints_to_hold, states_of
 from mbfmu.mechanics.arrays.tables import CalledKernel, has_state
 from mbfmu.mechanics.events import SetInput
 from mbfmu.mechanics.kind import ElementType, kernel_of
@@ -83,8 +83,8 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
     compiled = simulation.compiled
     if why := describe_real_kernels(compiled):
         return why
-    if lockable_joints(compiled.mechanism):
-        return "events lock joints"
+    if joints_to_hold(compiled.mechanism):
+        return "events or rigid stops lock joints"
     if len(compiled.data.state.bearings):
         return "joint friction follows the reaction of its joint"
     moving = compiled.inputs.supports()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics.arrays.compiled_mechanism import CompiledMechanism
-from mbfmu.mechanics.arrays.numbering import lockable_joints
+from mbfmu.mechanics.arrays.numbering import joints_to_hold
 from mbfmu.mechanics.recursions import dynamics as recursions
 from mbfmu.mechanics.tangent import factored
 from mbfmu.mechanics.tangent.factored import empty_tangent
@@ -58,7 +58,7 @@ class LockableTangent(NamedTuple):
 def lockable_tangent(compiled: CompiledMechanism, tangent: Any) -> Any:
     """Return the tangent of a compiled mechanism by the data of that of its system, pinned."""
     system: AnySystem = compiled.system
-    return LockableTangent.of(tangent, lockable_joints(compiled.mechanism), system.n)
+    return LockableTangent.of(tangent, joints_to_hold(compiled.mechanism), system.n)
 
 
 def tree_tangent(compiled: CompiledMechanism) -> Any:

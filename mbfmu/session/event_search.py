@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from solvers.compiled.tuple_pointer import pin, unpin
-from solvers.outcome import MAX_STEPS, OK, Code, Status
+from solvers.outcome import OK, Code, Status
 from solvers.system import Array
 
-from .kernels.event_points import EventSearch, limit_next_step, longest_gap
+from .kernels.event_points import EventSearch
 from .kernels.event_search import StepActions, search_of
+from .kernels.pull_search import pull_search_of
 from .stepper_run import StepperRun
 
 MIN_STEPS_AFTER_RESTART = 8  # to the next event at which the solver restarts
@@ -58,7 +59,8 @@ def _max_steps(run: StepperRun) -> int:
     return run.stepper.options.max_steps
 
 
-SEARCH = search_of(StepActions(_take_step, _report, _return_to_end, _is_dense, _tolerance, _max_steps))
+ACTIONS = StepActions(_take_step, _report, _return_to_end, _is_dense, _tolerance, _max_steps)
+SEARCH = search_of(ACTIONS)
 
 
 class CrossingSearch:
@@ -70,6 +72,8 @@ class CrossingSearch:
         Run, whose ``search`` it becomes.
     memory
         What the search reads and changes.
+    least_force
+        (run) -> N or N m: the least force of a stop that holds its sensor, at the reported state.
 
     Attributes
     ----------
@@ -77,8 +81,8 @@ class CrossingSearch:
         The same; its arrays may be changed between steps.
     """
 
-    def __init__(self, run: StepperRun, memory: EventSearch) -> None:
-        self._run = run
+    def __init__(self, run: StepperRun, memory: EventSearch, least_force: Callable[[StepperRun], float]) -> None:
+        self._run, self._advance_to_pull = run, pull_search_of(ACTIONS, SEARCH, least_force)
         self._take(memory)
 
     def _take(self, memory: EventSearch) -> None:
@@ -105,46 +109,15 @@ class CrossingSearch:
         """
         return self._result(SEARCH.advance(self._run, end))
 
-    def advance_by_steps(self, end: float, ends: Callable[[float, NDArray[np.int64], Array], bool]) -> list[int]:
-        """As :meth:`advance`, at most to the first step in which ``ends`` is true.
-
-        It receives the time (s) at which the step begins, and the sides and bands of the sensors there. It may report
-        any time of the step by :meth:`report`.
-        """
-        run, memory = self._run, self.memory
-        stepper, code, taken = run.stepper, OK, 0
-        SEARCH.begin(run)
-        while code == OK and stepper.t < end and not memory.found.any():
-            if taken >= stepper.options.max_steps:
-                code = MAX_STEPS
-                break
-            begin, sides, bands = stepper.t, memory.sides.copy(), memory.bands.copy()
-            target = end if stepper.has_dense_output else min(end, begin + longest_gap(memory))
-            code = SEARCH.step(run, target, limit_next_step(memory))
-            if code == OK and ends(begin, sides, bands):
-                break
-            taken += 1
-        return self._result(code)
+    def advance_to_pull(self, end: float) -> list[int]:
+        """As :meth:`advance`, at most to the first time at which a stop that holds would pull."""
+        return self._result(self._advance_to_pull(self._run, end))
 
     def _result(self, code: int) -> list[int]:
         stepper = self._run.stepper
         if code == Code.MAX_STEPS and stepper.status.ok:
             stepper.status = Status(Code.MAX_STEPS, stepper.t, stepper.fallback_solvers)
         return self._found() if stepper.status.ok else []
-
-    def report(self, t: float) -> None:
-        """Let the reported state be that of a time t (s) of the last step."""
-        if self._run.stepper.t != t:
-            _report(self._run, t)
-
-    def report_again(self, t: float) -> None:
-        """Let it be that of t (s) again, at which the last step has ended."""
-        if self._run.stepper.t == t:
-            return
-        if self.memory.found.any():  # the step is examined up to a crossing
-            _report(self._run, t)
-        else:
-            _return_to_end(self._run, t)
 
     def _found(self) -> list[int]:
         return [int(k) for k in np.flatnonzero(self.memory.found)]

@@ -90,7 +90,7 @@ class RunEvents:
         self._restarting = np.array([event.restarts and not event.lasts for event in watching], bool)
         self._durations = Durations()
         memory = search_memory(compiled)
-        self._search = CrossingSearch(run, memory)
+        self._search = CrossingSearch(run, memory, lambda _: self._resting.least_force())
         are_stops = memory.stops == 1
         rates = memory.parts[memory.rate_places[are_stops]]
         towards = memory.directions[are_stops].astype(float)

@@ -19,23 +19,20 @@ would pull is located to the same accuracy, and the sensor moves freely from the
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
 from mbfmu.mechanics.events import Event
 from mbfmu.mechanics.recursions.dynamics import inverse_dynamics_at_solution
 from mbfmu.util.diagnostics import Diagnostic
 from solvers.outcome import SolverError
-from solvers.resolution import spacing
 from solvers.system import Array
 
 from .event_search import CrossingSearch
 from .impulses import Impacts, UndeterminedJumpError, solve_complementarity, velocity_jump
-from .kernels.event_points import MAX_MOTION, MAX_POINTS_PER_STEP, POINTS_PER_STEP, TIME_ACCURACY_RATIO
+from .kernels.event_points import TIME_ACCURACY_RATIO
 from .stepper_run import StepperRun
 from .touched_stops import SAME_PLACE_RATIO
 
@@ -44,7 +41,6 @@ if TYPE_CHECKING:
 
 # Acceleration towards a stop, relative to the largest one, that is none: rounding errors at mass ratios up to 1e5
 NO_ACCELERATION_RATIO = 1e5 * np.finfo(float).eps
-MAX_ROOT_ITERATIONS = 100  # bisection alone needs 60
 
 
 class RestingStops:
@@ -239,97 +235,15 @@ class RestingStops:
         found: Array = -self._directions[stops] * np.array(pulls)
         return found
 
+    def least_force(self) -> float:
+        """Return the least force of a stop that holds, at the reported state, N or N m."""
+        return float(self._forces().min())
+
     def advance(self, end: float) -> tuple[list[int], list[Event]]:
         """Advance to the first crossing of a sensor, the first time at which a stop is released, or to ``end``, s.
 
         Return the numbers of the sensors that cross, and the events whose stops are released.
         """
-        memory, released = self._search.memory, list[Event]()
-        force = float(self._forces().min())
-
-        def ends(begin: float, sides: NDArray[np.int64], bands: Array) -> bool:
-            nonlocal force
-            pull, force = self._first_pull(begin, force)
-            if pull is None:
-                return False
-            self._search.report(pull)
-            memory.sides[:], memory.bands[:], memory.found[:] = sides, bands, 0
-            released.extend(self.release_pulled())
-            return True
-
-        return self._search.advance_by_steps(end, ends), released
-
-    def _first_pull(self, begin: float, force: float) -> tuple[float | None, float]:
-        """Return the first time after ``begin`` (s) of the last step at which a stop would pull, and the least force of
-        a stop at the end of the step.
-
-        ``force`` is the least one at its begin. None: no stop would pull; the reported state is the same as before
-        then.
-        """
-        run, search = self._run, self._search
-        end = run.stepper.t
-        count = self._count_points(end - begin)
-        times = [begin + (end - begin) * i / count for i in range(count)] + [end]
-        ahead = self._least(end)
-        known = [(begin, force)]
-        for i in range(1, count + 1):
-            known.append((times[i], ahead if i == count else self._least(times[i])))
-            if i >= 2 and (vertex := lowest_time(known[-3:])) is not None:
-                known.insert(-1 if vertex > known[-2][0] else -2, (vertex, self._least(vertex)))
-            for (t0, f0), (t1, f1) in pairwise(known[-4:]):
-                if f1 < 0.0:
-                    return self._locate(t0, f0, t1, f1, end - begin), ahead
-        search.report_again(end)
-        return None, ahead
-
-    def _count_points(self, duration: float) -> int:
-        """Return the number of intervals into which a step is divided."""
-        system, rates = self._compiled.system, self._run.v
-        moving = system.n_velocities
-        speed = float(np.max(np.abs(rates[:moving]) / system.size[:moving], initial=0.0))
-        within = float(self._search.memory.control["within"][0])
-        wanted = max(POINTS_PER_STEP, duration * speed / MAX_MOTION, duration / within)
-        return int(np.ceil(min(wanted, MAX_POINTS_PER_STEP)))
-
-    def _least(self, t: float) -> float:
-        """Return the least force of a stop that holds, at a time of the last step, s."""
-        self._search.report(t)
-        return float(self._forces().min())
-
-    def _locate(self, t0: float, f0: float, t1: float, f1: float, duration: float) -> float:
-        """Return the time between t0 and t1, s, at which the least force becomes negative, from f0 to f1.
-
-        Illinois variant of the rule of false position (Dowell and Jarratt, *BIT* 11, 1971, 168-174).
-        """
-        if f0 < 0.0:  # it pulls from the begin of the step on
-            return t0
-        width, kept = max(4.0 * spacing(t1), TIME_ACCURACY_RATIO * self._run.stepper.options.rtol * duration), 0
-        for _ in range(MAX_ROOT_ITERATIONS):
-            if t1 - t0 <= width:
-                break
-            t = t0 + (t1 - t0) * f0 / (f0 - f1)
-            t = min(max(t, t0 + 0.5 * width), t1 - 0.5 * width)
-            f = self._least(t)
-            if f < 0.0:
-                t1, f1, f0 = t, f, 0.5 * f0 if kept == 1 else f0
-                kept = 1
-            else:
-                t0, f0, f1 = t, f, 0.5 * f1 if kept == -1 else f1
-                kept = -1
-        return t1
-
-
-def lowest_time(points: list[tuple[float, float]]) -> float | None:
-    """Return the time of the lowest point of the parabola through three points (time, value); None: it is positive
-    there, not between them, or the times are not different.
-    """
-    (t0, f0), (t1, f1), (t2, f2) = points
-    if not (min(f0, f1, f2) >= 0.0 and t0 < t1 < t2):
-        return None
-    left, right = (f1 - f0) / (t1 - t0), (f2 - f1) / (t2 - t1)
-    bend = (right - left) / (t2 - t0)
-    if not bend > 0.0:
-        return None
-    t = 0.5 * (t0 + t1 - left / bend)
-    least = f0 + left * (t - t0) + bend * (t - t0) * (t - t1)
-    return t if t0 < t < t2 and t != t1 and least < 0.3 * max(f0, f1, f2) else None
+        found, stepper = self._search.advance_to_pull(end), self._run.stepper
+        is_pull = stepper.status.ok and not found and stepper.t < end
+        return found, self.release_pulled() if is_pull else []

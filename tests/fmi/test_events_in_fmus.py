@@ -42,11 +42,16 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export(Ball(), tmp_path_factory.mktemp("fmu") / "ball.fmu", settings, native=False)
 
 
-def test_the_export_states_that_stops_of_native_fmus_hold_nothing() -> None:
+def test_the_export_states_which_stops_of_native_fmus_hold_nothing() -> None:
     m = Ball().build()
     (note,) = without_rest(m)
     assert (note.severity, note.code, note.subject) == ("note", "resting-bounce", "floor")
-    del m.events[0]
+    assert "in model exchange" in note.text
+    m.event("wall", m.bodies[1].position("y"), crosses=2.0, direction="up", then=mb.Bounce(0.5))
+    (note,) = without_rest(m)
+    assert note.subject == "wall"
+    assert "in model exchange" not in note.text
+    del m.events[2], m.events[0]
     assert not without_rest(m)
 
 

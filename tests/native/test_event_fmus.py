@@ -18,7 +18,6 @@ from fmpy.fmi3 import FMU3Slave
 import mbfmu as mb
 from mbfmu.fmi import Fmu
 from mbfmu.fmi.export import export
-from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
 G = 9.81
@@ -197,22 +196,6 @@ def test_events_in_fmi_3(early: bool, fmi3_path: Path, tmp_path: Path) -> None:
     assert values == pytest.approx([ball(t, 0.8)[0], sled(t, 0.5)[0] - 0.5, 0.0], abs=3e-6)
     slave.terminate()
     slave.freeInstance()
-
-
-def test_a_ball_that_rests_stops_a_native_fmu(path: Path) -> None:
-    """A run in Python holds it."""
-    simulation = mb.Simulation(Yard(restitution=0.1), SETTINGS)
-    simulation.advance(0.6)
-    assert not simulation.failure
-    with Fmu(path, {"restitution": 0.1}) as fmu:
-        fmu.step(0.5)
-        before = fmu.reals().tolist()
-        with pytest.raises(UserError, match="resting-bounce"):
-            fmu.step(0.1)
-        assert "event 'floor' comes to rest at its stop" in fmu.message()
-        assert "Export the model with --python" in fmu.message()
-        assert fmu.reals().tolist() == before
-        assert not fmu.slave.getBooleanStatus(fmi2Terminated) or fmu.slave.getRealStatus(fmi2LastSuccessfulTime) == 0.5
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.3])

@@ -63,6 +63,8 @@ class EventSearch(NamedTuple):
     size: Array  # (n,) unit of each free coordinate
     sides: NDArray[np.int64]  # (k,) sign before the next crossing; 0: not known. At a stop it is constant
     bands: Array  # (k,) distance of the sensor from its value up to which its side is not known
+    first_sides: NDArray[np.int64]  # (k,) sides and bands at the begin of the last step, if stops hold sensors
+    first_bands: Array
     found: NDArray[np.int64]  # (k,) 1: a crossing is at the reported state
     has_extremum: NDArray[np.int64]  # (3 k,) whether the rows from EXTREMA on are known
     brackets: Array  # (k, 2) times before and after the crossing of each sensor
@@ -80,8 +82,9 @@ class EventSearch(NamedTuple):
         control["within"], control["limit"] = np.inf, np.inf
         sides = np.where(stops == 1, -directions, 0).astype(i)
         given = parts, rate_places, np.zeros(k), directions, stops, size, sides, np.zeros(k)
-        scratch = np.zeros(k, i), np.zeros(3 * k, i), np.zeros((k, 2)), np.zeros(len(parts))
-        return EventSearch(control, *given, *scratch, np.zeros((EXTREMA + 3 * k, VALUES + 2 * k)))
+        before, found = (np.zeros(k, i), np.zeros(k)), (np.zeros(k, i), np.zeros(3 * k, i))
+        scratch = np.zeros((k, 2)), np.zeros(len(parts)), np.zeros((EXTREMA + 3 * k, VALUES + 2 * k))
+        return EventSearch._make((control, *given, *before, *found, *scratch))
 
     def memory(self) -> list[NDArray[Any]]:
         """Return the arrays to save between steps."""
