@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mbfmu.mechanics import Mechanism
-from mbfmu.mechanics.arrays.given_inputs import Given, GivenInputs
+from mbfmu.mechanics.arrays.given_inputs import Given, GivenInput, GivenInputs
 from mbfmu.mechanics.numbers import ascending_times, positive
 from mbfmu.mechanics.signals import Signal
 from mbfmu.modeling.model import Model, as_model
@@ -179,12 +179,43 @@ def run(
         model, settings, start, numbers, given_inputs=given_inputs, duration=duration or None, kept=kept
     )
     simulation.step_count_check.end, simulation.report = float(times[-1]), report or warn
-    varying = given_inputs.held
+    begin = time.perf_counter()
+    times, values = _record(simulation, times, given_inputs.held, watch, warn, progress)
+    wall_time = time.perf_counter() - begin
+    result = Result(
+        t=times,
+        values=values,
+        variables=simulation.variables,
+        statistics=simulation.statistics,
+        wall_time=wall_time,
+        name=simulation.model.name,
+        settings=settings,
+        diagnostics=without_repeats([*simulation.diagnostics, *given_inputs.diagnostics()]),
+        inputs=given_inputs.summary(settings.input_interpolation),
+        events=simulation.events,
+    )
+    if kept is not None:
+        kept.keep()
+    return result
+
+
+def _record(
+    simulation: Simulation,
+    times: Array,
+    varying: Sequence[GivenInput],
+    watch: Callable[[Simulation], None] | None,
+    warn: Callable[[Diagnostic], None] | None,
+    progress: Callable[[float], None] | None,
+) -> tuple[Array, Array]:
+    """Advance a simulation that is at the first of some times, s; return the times reached and the outputs there.
+
+    ``varying`` are the inputs that are held between two times; the other functions are those of :func:`run`.
+    """
     values = np.zeros((len(times), len(simulation.variables)))
     values[0] = simulation.outputs()
     if watch is not None:
         watch(simulation)
-    begin, done, warned, batch_size = time.perf_counter(), 1, False, FIRST_BATCH_SIZE
+    done, warned, batch_size = 1, False, FIRST_BATCH_SIZE
     with interrupts_held() as interrupt:
         while done < len(times):
             interrupt()
@@ -202,24 +233,9 @@ def run(
                 watch(simulation)
             if progress is not None:
                 progress(float(times[done - 1]))
-    wall_time = time.perf_counter() - begin
     times, values = times[:done], values[:done]
     if simulation.ended and not simulation.failed and simulation.t > times[-1]:
         times, values = np.append(times, simulation.t), np.vstack([values, simulation.outputs()])
         if watch is not None:
             watch(simulation)
-    result = Result(
-        t=times,
-        values=values,
-        variables=simulation.variables,
-        statistics=simulation.statistics,
-        wall_time=wall_time,
-        name=simulation.model.name,
-        settings=settings,
-        diagnostics=without_repeats([*simulation.diagnostics, *given_inputs.diagnostics()]),
-        inputs=given_inputs.summary(settings.input_interpolation),
-        events=simulation.events,
-    )
-    if kept is not None:
-        kept.keep()
-    return result
+    return times, values

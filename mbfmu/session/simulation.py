@@ -157,18 +157,22 @@ class Simulation(RunProgress):
         self._reported_undetermined, self._end = False, t0
         self._wheels = WheelMonitor(self.compiled, settings.tolerance)
         self._note_wheels([(t0, q, v)])
-        setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
-        self._events: RunEvents | None = None
-        if self.compiled.mechanism.events or self.compiled.mechanism.sampled:
-            solver, system = self.solver_choice.solver, self.compiled.system
-            by_matrices = solver in SOLVERS and not eliminates_implicitly(solver, system)
-            locked = LockedJoints(self.compiled, self._run, self._stepper, self._noted.append, by_matrices)
-            self._events = RunEvents(self.compiled, self._run, setters, locked)
+        self._events = self._create_events()
         self._check_actions()
         if self._events and begins:
             self._events.check_start()
             self._start_events(self._events)
         self._warm_up(t0, q, v)
+
+    def _create_events(self) -> RunEvents | None:
+        """Return the events and the sampled blocks of the run; None if the mechanism has none."""
+        if not (self.compiled.mechanism.events or self.compiled.mechanism.sampled):
+            return None
+        solver, system = self.solver_choice.solver, self.compiled.system
+        by_matrices = solver in SOLVERS and not eliminates_implicitly(solver, system)
+        locked = LockedJoints(self.compiled, self._run, self._stepper, self._noted.append, by_matrices)
+        setters: Setters = {SetInput: self.set_input, SetParameter: self._set_parameter}
+        return RunEvents(self.compiled, self._run, setters, locked)
 
     def _find_start(self, inputs: Mapping[Any, Any], t0: float, begins: bool, duration: float | None) -> Start:
         """Close the loops, or find the steady state in which the run starts, and select the solver."""

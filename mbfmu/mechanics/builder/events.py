@@ -82,20 +82,7 @@ class Events(Delays):
                 f"{what} is given {'no' if sensor is None else 'a'} sensor and {at!r} for its time; "
                 "allowed: one of the two. Give a sensor, or a time by `at`"
             )
-        sensor = sensor_of(sensor)
-        if sensor is not None:
-            if not isinstance(sensor, Sensor):
-                raise UserError(
-                    f"sensor of {what} is {short(sensor)}; allowed: a sensor, such as Body.angle(), a block or a state"
-                )
-            check_element_type(f"sensor of {what}", sensor, Sensor)
-            self._check_sensor(f"sensor of {what}", sensor)
-            if not (sensor.is_kinematic or getattr(sensor, "is_block_output", False)):
-                raise UserError(
-                    f"sensor of {what} is of class {type(sensor).__name__}, whose value depends on forces or "
-                    "accelerations; allowed: sensors of positions, velocities and states, and expressions and blocks "
-                    "of these, of time and of inputs. Use one of these"
-                )
+        watched = None if sensor is None else self._crossing_sensor(f"sensor of {what}", sensor)
         if direction not in DIRECTIONS:
             raise UserError(f"direction of {what} is {direction!r}; allowed: {', '.join(map(repr, DIRECTIONS))}")
         actions = (then,) if isinstance(then, Action) else then
@@ -105,36 +92,14 @@ class Events(Delays):
                 "Release, Restart and EndRun, or a list of these"
             )
         if not_negative(f"lasts of {what}", lasts):
-            _check_duration(what, actions, sensor, direction)
+            _check_duration(what, actions, watched, direction)
         for action in actions:
-            if isinstance(action, SetInput):
-                finite(f"value of input {action.name!r} in {what}", action.value)
-            elif isinstance(action, Impulse):
-                finite(f"value of the impulse in {what}", action.value)
-                owner = self._coordinate_owner(action.body, f"body of the impulse in {what}")
-                coordinate_of(f"coordinate of the impulse in {what}", owner, action.coordinate)
-                if owner.joint.drive is not None:
-                    raise UserError(
-                        f"the impulse in {what} acts on the joint of {owner.name!r}, which is driven; "
-                        "allowed: a joint that is free to move"
-                    )
-            elif isinstance(action, Bounce):
-                _check_bounce(what, action, sensor, direction)
-            elif isinstance(action, Lock | Release):
-                role = f"joint of the {type(action).__name__} in {what}"
-                if action.joint is self.bodies[0]:
-                    raise UserError(
-                        f"{role} is the ground, which has no joint; allowed: a body, whose joint to its parent is "
-                        "meant, or a joint from Mechanism.joint"
-                    )
-                owner = self._coordinate_owner(action.joint, role)
-                owner.coordinate()  # raises for a body that is declared without a joint
-                _check_lock(role, owner.name, owner.joint)
+            self._check_action(what, action, watched, direction)
         self.events.append(
             Event(
                 name,
                 tuple(actions),
-                sensor,
+                watched,
                 finite(f"value of {what}", crosses),
                 DIRECTIONS[direction],
                 0.0 if at is None else not_negative(f"time of {what}", at),
@@ -142,6 +107,47 @@ class Events(Delays):
                 float(lasts),
             )
         )
+
+    def _crossing_sensor(self, what: str, given: Sensor | BlockHandle | StateHandle) -> Sensor:
+        """Return the sensor of an event; UserError if there is none whose crossings can be located."""
+        sensor = sensor_of(given)
+        if not isinstance(sensor, Sensor):
+            raise UserError(f"{what} is {short(sensor)}; allowed: a sensor, such as Body.angle(), a block or a state")
+        check_element_type(what, sensor, Sensor)
+        self._check_sensor(what, sensor)
+        if not (sensor.is_kinematic or getattr(sensor, "is_block_output", False)):
+            raise UserError(
+                f"{what} is of class {type(sensor).__name__}, whose value depends on forces or "
+                "accelerations; allowed: sensors of positions, velocities and states, and expressions and blocks "
+                "of these, of time and of inputs. Use one of these"
+            )
+        return sensor
+
+    def _check_action(self, what: str, action: Action, sensor: Sensor | None, direction: str) -> None:
+        """Raise UserError if an event, ``what``, with this sensor and direction cannot have an action."""
+        if isinstance(action, SetInput):
+            finite(f"value of input {action.name!r} in {what}", action.value)
+        elif isinstance(action, Impulse):
+            finite(f"value of the impulse in {what}", action.value)
+            owner = self._coordinate_owner(action.body, f"body of the impulse in {what}")
+            coordinate_of(f"coordinate of the impulse in {what}", owner, action.coordinate)
+            if owner.joint.drive is not None:
+                raise UserError(
+                    f"the impulse in {what} acts on the joint of {owner.name!r}, which is driven; "
+                    "allowed: a joint that is free to move"
+                )
+        elif isinstance(action, Bounce):
+            _check_bounce(what, action, sensor, direction)
+        elif isinstance(action, Lock | Release):
+            role = f"joint of the {type(action).__name__} in {what}"
+            if action.joint is self.bodies[0]:
+                raise UserError(
+                    f"{role} is the ground, which has no joint; allowed: a body, whose joint to its parent is "
+                    "meant, or a joint from Mechanism.joint"
+                )
+            owner = self._coordinate_owner(action.joint, role)
+            owner.coordinate()  # raises for a body that is declared without a joint
+            _check_lock(role, owner.name, owner.joint)
 
 
 def _check_lock(role: str, name: str, joint: Joint) -> None:
