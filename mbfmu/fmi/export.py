@@ -213,18 +213,15 @@ def native_files(scene: Scene, kind: FmuKind, fmi: int, platforms: Sequence[str]
 
 def without_rest(mechanism: Mechanism) -> list[Diagnostic]:
     """Return a note on the rigid stops of a mechanism that hold nothing in a native FMU."""
-    bounces = [event for event in mechanism.events if event.bounce]
-    others = [event.name for event in bounces if event.holding_joint is None]
-    stops = others or [event.name for event in bounces]
+    stops = [event.name for event in mechanism.events if event.bounce and event.holding_joint is None]
     if not stops:
         return []
     names = ", ".join(map(repr, stops))
-    where = "native FMUs" if others else "native FMUs in model exchange"
-    of = " whose sensor is not the coordinate of a joint with one coordinate" if others else ""
-    text = f"{where} do not hold what comes to rest at a rigid stop{of} ({names}): they end with an error there"
+    text = (
+        "native FMUs do not hold what comes to rest at a rigid stop whose sensor is not the coordinate of a joint with "
+        f"one coordinate ({names}): they end with an error there"
+    )
     remedy = "If something comes to rest there, export an FMU that calls Python (--python), or use an elastic stop"
-    if not others:
-        remedy = "If something comes to rest there, use co-simulation, or an elastic stop"
     return [Diagnostic.note("resting-bounce", text, remedy, subject=stops[0])]
 
 

@@ -1,15 +1,18 @@
 """Events in model exchange: event indicators, and what an event of the importing tool changes.
 
-An indicator is a sensor minus the value that it may cross. The importing tool locates its change of sign. In event mode
-the FMU compares it with the side that the sensor had before, and executes the actions. A sensor that is on the other
-side of its value at a completed step requires event mode, too, so that importing tools without a search for changes of
-sign do not miss events.
+An indicator is a sensor minus the value that it may cross; while a stop holds a sensor, it is the force of the stop.
+The importing tool locates its change of sign. In event mode the FMU compares it with the side that the sensor had
+before, and executes the actions. Stops hold what rests on them from then on, as in co-simulation. A sensor that is on
+the other side of its value at a completed step, and a stop that would pull, require event mode, too, so that importing
+tools without a search for changes of sign do not miss events.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
 
 from mbfmu.mechanics.arrays.input_kernels import start_input
 from mbfmu.session.kernels.event_durations import note_duration, update_durations
@@ -55,17 +58,22 @@ from .event_memory import (
 )
 from .exchange_memory import NEXT_EVENT, pack_states
 from .exchange_times import begin_evaluation
+from .resting_memory import RestingMemory
+from .resting_stops import HoldingLimits, holds_any, place_at_stops, resting_kernels, would_pull
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 from .touched_stops import begin_impacts, begin_second_impact, may_change_velocities
 
+# Importing tools do not locate bounces that are shorter than their first step after an event, in which coordinates move
+# by several tolerances; they take a zero of an indicator for a change of sign
+LIMITS = HoldingLimits(shortest_path=100.0, least_push=np.finfo(float).tiny)
 SAME_TIME_RATIO = 1e-9  # of times, relative or s: so much may the clock of an importing tool differ
 
 
 @kernel
-def mark_crossings(search: EventSearch) -> bool:
+def mark_crossings(search: EventSearch, resting: RestingMemory) -> bool:
     """Mark the sensors that have crossed their values at HERE, or are at their values; return whether there are any.
 
-    A stop is hit by a sensor that moves towards it.
+    A stop is hit by a sensor that moves towards it, and that it does not hold.
     """
     count, is_any = search.sides.shape[0], False
     for k in range(count):
@@ -73,6 +81,7 @@ def mark_crossings(search: EventSearch) -> bool:
         is_over = side != 0 and side * value <= 0.0 and direction * side <= 0
         if search.stops[k] == 1:
             is_over = is_over and direction * search.points[HERE, VALUES + count + k] > 0.0
+            is_over = is_over and direction * value >= search.bands[k] and resting.held[k] == 0
         search.found[k] = 1 if is_over else 0
         is_any = is_any or is_over
     return is_any
@@ -85,6 +94,23 @@ def take_sides(search: EventSearch) -> None:
         if search.found[k] == 1 and search.stops[k] == 0:
             search.sides[k] = -search.sides[k]
     note_sides(search, HERE)
+
+
+@kernel
+def indicate_stops(search: EventSearch, resting: RestingMemory) -> None:
+    """Let the indicators of stops that hold be their forces, and those of stops that sensors leave be negative only
+    beyond the band in which they may be.
+    """
+    for k in range(search.sides.shape[0]):
+        if resting.held[k] == 1:
+            search.points[HERE, VALUES + k] = -search.directions[k] * resting.forces[k]
+        elif search.stops[k] == 1:
+            search.points[HERE, VALUES + k] -= search.directions[k] * search.bands[k]
+
+
+@kernel
+def do_not_restart(instance: Any) -> None:
+    """In place of the restart of a solver: the importing tool integrates."""
 
 
 @kernel
@@ -115,30 +141,17 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
     """
     project_at, keep, restore = formulation.project, formulation.keep, formulation.restore
     update_at = jit_uncached(update)
-    _, bounce, push, lock, adapt = jump_kernels(family.jumps)
+    jumps, least_push = jump_kernels(family.jumps), LIMITS.least_push
+    _, bounce, push, lock, adapt = jumps
 
     @jit_uncached
-    def evaluate(instance: Any, t: float) -> int:
-        """Evaluate the sensors at (t, P(x))."""
-        evaluated, work = begin_evaluation(instance, t), instance.work
-        keep(instance)
-        code: int = project_at(instance, evaluated)
-        if code == OK:
-            fill_point(instance.search, instance.session, evaluated, work.q, work.v, HERE)
-        restore(instance)
-        return code
-
-    @jit_uncached
-    def report_projected(instance: Any, t: float) -> int:
-        """Let the reported state be (t, P(x))."""
+    def report_projection(instance: Any) -> None:
+        """Let the reported positions and velocities be P(x)."""
         work = instance.work
-        code: int = evaluate(instance, t)
         for i in range(work.q.shape[0]):
             instance.q[i] = work.q[i]
         for i in range(work.v.shape[0]):
             instance.v[i] = work.v[i]
-        instance.clock[0] = t
-        return code
 
     @jit_uncached
     def let_jump(instance: Any) -> None:
@@ -148,6 +161,40 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         for i in range(instance.dv.shape[0]):
             v[i] += instance.dv[i]
         account_discontinuity(session, before, t, q, v)
+
+    resting = resting_kernels(family.evaluate, do_not_restart, jumps, let_jump, LIMITS)
+    release_rested, release_pulled, hold_at_start, hold_pushed, fill_forces, _ = resting
+
+    @jit_uncached
+    def evaluate(instance: Any, t: float) -> int:
+        """Evaluate the sensors at (t, P(x)), and the forces of the stops that hold."""
+        evaluated, work = begin_evaluation(instance, t), instance.work
+        keep(instance)
+        code: int = project_at(instance, evaluated)
+        if code == OK:
+            fill_point(instance.search, instance.session, evaluated, work.q, work.v, HERE)
+        if code == OK and holds_any(instance.resting):
+            report_projection(instance)
+            instance.clock[0] = evaluated
+            fill_forces(instance)
+            instance.clock[0] = t
+        restore(instance)
+        return code
+
+    @jit_uncached
+    def report_projected(instance: Any, t: float) -> int:
+        """Let the reported state be (t, P(x))."""
+        code: int = evaluate(instance, t)
+        report_projection(instance)
+        instance.clock[0] = t
+        return code
+
+    @jit_uncached
+    def release(instance: Any, t: float) -> None:
+        """Release the stops that would pull."""
+        if holds_any(instance.resting):
+            release_pulled(instance)
+            fill_point(instance.search, instance.session, t, instance.q, instance.v, HERE)
 
     @jit_uncached
     def execute(instance: Any, row: int) -> int:
@@ -185,6 +232,8 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         if control.row == NO_ROW:
             instance.resting.changes[0] = 1 if may_change_velocities(events) else 0
             if instance.resting.changes[0] == 1:
+                release_rested(instance)
+                place_at_stops(instance)
                 begin_impacts(instance)
                 if bounce(instance):
                     let_jump(instance)
@@ -197,8 +246,9 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
                 begin_second_impact(instance.resting)
                 if bounce(instance):
                     let_jump(instance)
+                hold_pushed(instance)
             end_if_requested(events)
-            record_events(events, instance.resting, instance.clock[0], instance.options[0].duration, False)
+            record_events(events, instance.resting, instance.clock[0], instance.options[0].duration, True)
             record_bounces_beyond(events, instance.search)
         return code
 
@@ -211,7 +261,9 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         update_durations(instance.events, instance.search, instance.session, t, instance.q, instance.v)
         if not check_stops(instance):
             return EVENT_FAILED
-        return OK
+        hold_at_start(instance)
+        pack_states(instance.q, instance.v, instance.exchange)
+        return OK if instance.events.control[0].failure == NO_FAILURE else EVENT_FAILED
 
     def events_exchange_report(instance: Any, t: float) -> int:
         """Evaluate the event indicators at the reported state of co-simulation."""
@@ -220,7 +272,9 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
 
     def events_exchange_indicate(instance: Any, t: float) -> int:
         """Evaluate the event indicators at (t, x)."""
-        return int(evaluate(instance, t))
+        code: int = evaluate(instance, t)
+        indicate_stops(instance.search, instance.resting)
+        return code
 
     def events_exchange_accept(instance: Any, t: float) -> int:
         """EVENT_REQUESTED_CODE if an event is at the end of a completed step, else note on which sides sensors are."""
@@ -229,7 +283,9 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             note_free_sensors(instance.events, instance.search, instance.options[0].rtol)
             if instance.events.control[0].failure != NO_FAILURE:
                 return EVENT_REQUESTED_CODE  # in which the failure is reported
-        if code == OK and mark_crossings(instance.search):
+        if code == OK and (
+            mark_crossings(instance.search, instance.resting) or would_pull(instance.resting, least_push)
+        ):
             return EVENT_REQUESTED_CODE
         if code == OK:
             note_sides(instance.search, HERE)
@@ -247,7 +303,8 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         is_event = control.row != NO_ROW
         if not is_event:
             note_free_sensors(events, search, instance.options[0].rtol)
-            mark_crossings(search)
+            release(instance, t)
+            mark_crossings(search, instance.resting)
             note_sides_of_durations(instance, t)
             is_event = collect_due(events, search, t, SAME_TIME_RATIO * max(1.0, abs(t)))
         if is_event:
@@ -259,7 +316,8 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             return EVENT_FAILED
         if control.ended == 0 and fill_sample_jump(instance, SAME_TIME_RATIO * max(1.0, abs(t))):
             let_jump(instance)
-            pack_states(instance.q, instance.v, instance.exchange)
+        release(instance, t)
+        pack_states(instance.q, instance.v, instance.exchange)
         release_sides(events, search, instance.options[0].rtol)
         take_sides(search)
         code = update_at(instance, t)

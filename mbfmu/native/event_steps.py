@@ -39,7 +39,7 @@ from .event_memory import (
     SET_INPUT,
     SET_PARAMETER,
 )
-from .resting_stops import resting_kernels
+from .resting_stops import HoldingLimits, advance_of, resting_kernels
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 from .solver_steps import copy_words, step_actions
 from .touched_stops import begin_impacts, begin_second_impact, may_change_velocities
@@ -71,8 +71,8 @@ def execution_of(
         jump(instance)
         account_discontinuity(instance.session, before, t, q, v)
 
-    resting = resting_kernels(solver, jumps, actions, search, let_jump)
-    release_rested, release_pulled, hold_at_start, hold_pushed = resting[:4]
+    resting = resting_kernels(solver.evaluate, restart, jumps, let_jump, HoldingLimits(1.0, 0.0))
+    release_rested, release_pulled, hold_at_start, hold_pushed, _, least_force = resting
 
     @jit_uncached
     def apply_impulse(instance: Any, event: int, place: int, value: float) -> None:
@@ -179,7 +179,7 @@ def execution_of(
         hold_at_start(instance)
         return OK if instance.events.control[0].failure == NO_FAILURE else EVENT_FAILED
 
-    return Execution(act, sample, release, hold_first, resting.advance)
+    return Execution(act, sample, release, hold_first, advance_of(actions, search, least_force))
 
 
 @kernel

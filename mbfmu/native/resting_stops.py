@@ -14,7 +14,6 @@ from mbfmu.session.kernels.event_points import TIME_ACCURACY_RATIO
 from mbfmu.session.kernels.event_search import Search, StepActions
 from mbfmu.session.kernels.points import account_discontinuity, energy_at
 from mbfmu.session.kernels.pull_search import pull_search_of
-from mbfmu.session.kernels.sequence import SolverActions
 from mbfmu.session.resting_stops import NO_ACCELERATION_RATIO
 from mbfmu.session.touched_stops import SAME_PLACE_RATIO
 from solvers.compiled.kernel import jit_uncached, kernel
@@ -29,6 +28,13 @@ from .touched_stops import fill_units, has_hit
 IS_HELD = np.finfo(float).max  # band of a sensor that does not cross its value
 
 
+class HoldingLimits(NamedTuple):
+    """When stops hold, and when they release."""
+
+    shortest_path: float  # of all later bounces together, in units of the tolerance, that is not held
+    least_push: float  # force below which a stop releases what it holds
+
+
 class RestingKernels(NamedTuple):
     """What stops hold; kernels over an instance."""
 
@@ -36,7 +42,8 @@ class RestingKernels(NamedTuple):
     release_pulled: Any  # (instance): release those whose force pulls, or whose value has changed
     hold_at_start: Any  # (instance): let stops hold what is at them
     hold_pushed: Any  # (instance): let stops hold that have taken part in an impact, and whose value has not changed
-    advance: Any  # (instance, end) -> code: to the next crossing, the first time at which a stop would pull, or ``end``
+    fill_forces: Any  # (instance): fill the forces by which the stops that hold push at the reported state
+    least_force: Any  # (instance) -> N or N m: the least of them
 
 
 @kernel
@@ -106,8 +113,10 @@ def fill_approach(instance: Any) -> None:
 
 
 @kernel
-def find_pressed(instance: Any) -> None:
-    """Mark the stops, of those that take part, at which sensors rest: see :mod:`mbfmu.session.resting_stops`."""
+def find_pressed(instance: Any, shortest_path: float) -> None:
+    """Mark the stops, of those that take part, at which sensors rest: see :mod:`mbfmu.session.resting_stops`, and for
+    ``shortest_path`` :class:`HoldingLimits`.
+    """
     events, resting, rtol = instance.events, instance.resting, instance.options[0].rtol
     count = events.hit.shape[0]
     fill_approach_rates(instance, instance.v, events.rates)
@@ -122,7 +131,7 @@ def find_pressed(instance: Any) -> None:
             pressed -= events.effects[i, j] * events.impulses[j] if events.hit[j] == 1 else 0.0
         events.hit[i] = 1
         leaving = events.rates[i]
-        ends = max(1.0 - events.values[resting.actions[i]], rtol) * rtol * resting.units[i]
+        ends = max(1.0 - events.values[resting.actions[i]], rtol) * shortest_path * rtol * resting.units[i]
         if pressed > resting.rounding[i] and 2.0 * leaving * leaving <= pressed * ends:
             resting.resting[i] = 1
     for k in range(count):
@@ -154,6 +163,30 @@ def choose_pushed(instance: Any) -> None:
 
 
 @kernel
+def place_at_stops(instance: Any) -> None:
+    """Let coordinates that have hit stops be exactly there, if they are there within the tolerance: importing tools
+    locate impacts to their own accuracy.
+    """
+    events, resting, search = instance.events, instance.resting, instance.search
+    fill_approach_rates(instance, instance.v, events.rates)
+    for k in range(resting.locks.shape[0]):
+        if resting.locks[k] >= 0 and events.due[events.sensed[k]] == 1:
+            off = abs(search.values[k] - search.crossed[k])
+            if off <= place_resolution(instance, k, 1.0) + search.bands[k]:
+                instance.q[events.locks[resting.locks[k]].position] = search.crossed[k]
+                events.beyond[k] = 0
+
+
+@kernel
+def would_pull(resting: RestingMemory, least_push: float) -> bool:
+    """Whether the force of a stop that holds is less than ``least_push``, by the forces that were filled last."""
+    is_any = False
+    for k in range(resting.held.shape[0]):
+        is_any = is_any or (resting.held[k] == 1 and resting.forces[k] < least_push)
+    return is_any
+
+
+@kernel
 def count_released(instance: Any) -> None:
     """Count the releases of the stops that are chosen as events."""
     events, duration = instance.events, instance.options[0].duration
@@ -162,11 +195,41 @@ def count_released(instance: Any) -> None:
             count_event(events, instance.resting, events.sensed[k], instance.clock[0], duration, True)
 
 
+def advance_of(actions: StepActions, search: Search, least_force: Any) -> Any:
+    """Return a kernel (instance, end) -> code that advances to the next crossing, the first time at which a stop would
+    pull, or to ``end``, s.
+    """
+    advance_to_pull: Any = jit_uncached(pull_search_of(actions, search, least_force, jit_uncached))
+    advance_to_crossing: Any = jit_uncached(search.advance)
+
+    @jit_uncached
+    def advance(instance: Any, end: float) -> int:
+        if holds_any(instance.resting):
+            return int(advance_to_pull(instance, end))
+        return int(advance_to_crossing(instance, end))
+
+    return advance
+
+
 def resting_kernels(
-    solver: SolverActions, jumps: JumpKernels, actions: StepActions, search: Search, let_jump: Any
+    evaluate: Any, restart: Any, jumps: JumpKernels, let_jump: Any, limits: HoldingLimits
 ) -> RestingKernels:
-    """Return what stops hold in a family; ``let_jump`` lets the velocities jump."""
-    evaluate, restart = solver.evaluate, solver.restart
+    """Return what stops hold in a family.
+
+    Parameters
+    ----------
+    evaluate
+        (instance) -> code: fill accelerations and multipliers at the reported state.
+    restart
+        (instance): restart the solver.
+    jumps
+        What events do to the velocities.
+    let_jump
+        (instance): let the velocities jump.
+    limits
+        When stops hold, and when they release.
+    """
+    shortest_path, least_push = limits
     lock, adapt, fill_responses = jumps.lock, jumps.adapt, jumps.fill_responses
 
     @jit_uncached
@@ -203,7 +266,7 @@ def resting_kernels(
         fill_approach(instance)
         if fill_responses(instance) == NO_FAILURE:
             fill_effects(instance.events)
-            find_pressed(instance)
+            find_pressed(instance, shortest_path)
 
     @jit_uncached
     def hold_chosen(instance: Any) -> None:
@@ -262,7 +325,7 @@ def resting_kernels(
         fill_forces(instance)
         for k in range(resting.chosen.shape[0]):
             has_moved = resting.held_at[k] != instance.search.crossed[k]
-            resting.chosen[k] = 1 if resting.held[k] == 1 and (resting.forces[k] < 0.0 or has_moved) else 0
+            resting.chosen[k] = 1 if resting.held[k] == 1 and (resting.forces[k] < least_push or has_moved) else 0
         release_chosen(instance)
         count_released(instance)
 
@@ -276,13 +339,4 @@ def resting_kernels(
         choose_pushed(instance)
         hold_chosen(instance)
 
-    advance_to_pull: Any = jit_uncached(pull_search_of(actions, search, least_force, jit_uncached))
-    advance_to_crossing: Any = jit_uncached(search.advance)
-
-    @jit_uncached
-    def advance(instance: Any, end: float) -> int:
-        if holds_any(instance.resting):
-            return int(advance_to_pull(instance, end))
-        return int(advance_to_crossing(instance, end))
-
-    return RestingKernels(release_rested, release_pulled, hold_at_start, hold_pushed, advance)
+    return RestingKernels(release_rested, release_pulled, hold_at_start, hold_pushed, fill_forces, least_force)

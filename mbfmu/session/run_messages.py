@@ -109,9 +109,9 @@ RESTING_BOUNCE = Diagnostic.error(
 )
 NATIVE_RESTING_BOUNCE = replace(
     RESTING_BOUNCE,
-    remedy="A Bounce of a native FMU holds what rests on the stop in co-simulation, if its sensor is the coordinate of "
-    "a joint with one coordinate. Use both, or export the model with --python: there a Bounce holds in small models a "
-    "position or a distance, too. Or use an elastic stop, such as JointStop or DistanceStop, or a shorter stop time",
+    remedy="A Bounce of a native FMU holds what rests on the stop if its sensor is the coordinate of a joint with one "
+    "coordinate. Use such a sensor, or export the model with --python: there a Bounce holds in small models a position "
+    "or a distance, too. Or use an elastic stop, such as JointStop or DistanceStop, or a shorter stop time",
 )
 MASSLESS_EVENT = Diagnostic.error(
     "no-inertia",

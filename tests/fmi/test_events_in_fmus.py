@@ -44,15 +44,10 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_export_states_which_stops_of_native_fmus_hold_nothing() -> None:
     m = Ball().build()
-    (note,) = without_rest(m)
-    assert (note.severity, note.code, note.subject) == ("note", "resting-bounce", "floor")
-    assert "in model exchange" in note.text
+    assert not without_rest(m)
     m.event("wall", m.bodies[1].position("y"), crosses=2.0, direction="up", then=mb.Bounce(0.5))
     (note,) = without_rest(m)
-    assert note.subject == "wall"
-    assert "in model exchange" not in note.text
-    del m.events[2], m.events[0]
-    assert not without_rest(m)
+    assert (note.severity, note.code, note.subject) == ("note", "resting-bounce", "wall")
 
 
 def motion(t: float) -> tuple[float, float]:

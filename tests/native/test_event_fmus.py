@@ -198,20 +198,6 @@ def test_events_in_fmi_3(early: bool, fmi3_path: Path, tmp_path: Path) -> None:
     slave.freeInstance()
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.3])
-@pytest.mark.parametrize("interval", [0.05, 0.5])
-def test_a_ball_that_rests_stops_model_exchange(path: Path, restitution: float, interval: float) -> None:
-    """The steps of the importing tool are longer than the last bounces: without an error the ball would sink."""
-    logged: list[str] = []
-    with pytest.raises(FMICallException):
-        simulate_fmu(
-            str(path), stop_time=1.4, output_interval=interval, output=NAMES, start_values={"restitution": restitution},
-            fmi_type="ModelExchange", relative_tolerance=1e-6, debug_logging=True,
-            logger=lambda *call: logged.append(str(call[-1])),
-        )  # fmt: skip
-    assert any("event 'floor' comes to rest at its stop" in text for text in logged)
-
-
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_an_importing_tool_with_fixed_steps_passes_the_stop_before_each_bounce(path: Path, restitution: float) -> None:
     """Semi-implicit steps of 1 ms, with event mode at completed steps beyond the floor only; bounces are no rest."""

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import simulate_fmu
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime, fmi2Terminated
 
 import mbfmu as mb
@@ -18,7 +20,7 @@ from mbfmu.util.errors import UserError
 
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
 G, SETTINGS = 9.81, mb.Settings(solver="adams", tolerance=1e-8)
-BALL, CRATE, PULL, LIFT = 2.0, 3.0, 20.0, 1.7  # kg, kg, N/s, s: time from which the ball is lifted
+BALL, CRATE, PULL, LIFT = 2.0, 3.0, 20.0, 1.713  # kg, kg, N/s, s: time from which the ball is lifted
 NAMES = ("ball", "force", "crate", "hold", *(f"gap{k}" for k in range(3)), *(f"rate{k}" for k in range(3)))
 LATER = 1e-4  # s, after an impact
 
@@ -168,6 +170,46 @@ def test_bodies_that_touch_hit_the_floor_together(seed: int, path: Path) -> None
         assert rates_of(fmu) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_bodies_that_touch_in_model_exchange(seed: int, path: Path) -> None:
+    """The impact law, after an impulse in free fall."""
+    values, masses, e = draw(seed)
+    rates = np.array([-1.0 / masses[0], 1.0 / masses[1], 0.0])
+    found = simulate_fmu(
+        str(path), stop_time=0.1, output_interval=0.05, output=NAMES, start_values=values | {"kick": 1.0, "at": 0.05},
+        fmi_type="ModelExchange", relative_tolerance=1e-9, record_events=False,
+    )  # fmt: skip
+    expected = rates_after(masses, rates, e, False) - G * 0.1
+    assert [found[f"rate{k}"][-1] for k in range(3)] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("interval", [0.02, 0.5])
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_rest_in_model_exchange(restitution: float, interval: float, path: Path) -> None:
+    check_exchange(path, restitution, interval, 1e-9, 1e-5)
+
+
+@pytest.mark.parametrize("path", [1], indirect=True)
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_rest_in_model_exchange_at_a_coarse_tolerance(restitution: float, path: Path) -> None:
+    check_exchange(path, restitution, 0.5, 1e-6, 1e-3)
+
+
+def check_exchange(path: Path, restitution: float, interval: float, tolerance: float, error: float) -> None:
+    """Closed forms; the importing tool locates the time at which the force of a stop becomes zero."""
+    found = simulate_fmu(
+        str(path), stop_time=3.0, output_interval=interval, output=NAMES, start_values={"restitution": restitution},
+        fmi_type="ModelExchange", relative_tolerance=tolerance, record_events=False,
+    )  # fmt: skip
+    for row in found[1:]:
+        (height, force), (level, hold) = ball(row["time"], restitution), crate(row["time"])
+        assert row["ball"] == pytest.approx(height, abs=error if height else 0.0)
+        assert row["force"] == pytest.approx(force, abs=1e-9)
+        assert row["crate"] == pytest.approx(level, abs=error if level > 0.4 else 0.0)
+        assert row["hold"] == pytest.approx(hold, abs=1e-9)
+    assert [found[f"gap{k}"][-1] for k in range(3)] == [0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("is_held", [True, False])
 @pytest.mark.parametrize("seed", range(8))
 def test_an_impulse_on_bodies_that_touch(seed: int, is_held: bool, path: Path) -> None:
@@ -231,23 +273,42 @@ class Point(mb.Model):
     """A ball whose stop is on its position, which native FMUs do not hold."""
 
     name = "point"
+    restitution: float = mb.parameter(0.1, min=0.0, max=1.0)
 
     def build(self) -> mb.Mechanism:
         m = mb.Mechanism(gravity=(0.0, -G, 0.0))
         own = m.body("ball", m.ground, mb.Translational(axis="y", start=1.0, nominal=1.0), mass=1.0)
-        m.event("floor", own.position("y"), direction="down", then=mb.Bounce(0.1))
+        m.event("floor", own.position("y"), direction="down", then=mb.Bounce(self.restitution))
         m.output("height", own.coordinate())
         return m
 
 
-def test_a_stop_of_a_position_holds_nothing(tmp_path: Path) -> None:
-    path = export(Point(), tmp_path / "point.fmu", SETTINGS, native=True)
-    with Fmu(path) as fmu:
+@pytest.fixture(scope="module")
+def point(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export(Point(), tmp_path_factory.mktemp("point") / "point.fmu", SETTINGS, native=True)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3])
+@pytest.mark.parametrize("interval", [0.05, 0.5])
+def test_a_stop_of_a_position_holds_nothing_in_model_exchange(restitution: float, interval: float, point: Path) -> None:
+    """The steps of the importing tool are longer than the last bounces: without an error the ball would sink."""
+    logged: list[str] = []
+    with pytest.raises(FMICallException):
+        simulate_fmu(
+            str(point), stop_time=1.4, output_interval=interval, start_values={"restitution": restitution},
+            fmi_type="ModelExchange", relative_tolerance=1e-6, debug_logging=True,
+            logger=lambda *call: logged.append(str(call[-1])),
+        )  # fmt: skip
+    assert any("event 'floor' comes to rest at its stop" in text for text in logged)
+
+
+def test_a_stop_of_a_position_holds_nothing(point: Path) -> None:
+    with Fmu(point) as fmu:
         fmu.step(0.5)
         before = fmu.reals().tolist()
         with pytest.raises(UserError, match="resting-bounce"):
             fmu.step(0.1)
         assert "event 'floor' comes to rest at its stop" in fmu.message()
-        assert "A Bounce of a native FMU holds what rests on the stop in co-simulation" in fmu.message()
+        assert "A Bounce of a native FMU holds what rests on the stop if its sensor is the coordinate" in fmu.message()
         assert fmu.reals().tolist() == before
         assert not fmu.slave.getBooleanStatus(fmi2Terminated) or fmu.slave.getRealStatus(fmi2LastSuccessfulTime) == 0.5
