@@ -233,6 +233,23 @@ def test_the_linear_motion_of_a_skid_is_that_of_its_bristle() -> None:
     assert len(values) == 8  # two more: the places where it stands
 
 
+def test_many_wheels_need_as_many_steps_as_one() -> None:
+    """Equal wheels slide and then roll, each for itself: one is solved with dense matrices, eight by recursions."""
+    found = []
+    for count in (1, 8):
+        m = mb.Mechanism(gravity=(0.0, 0.0, -G))
+        for k in range(count):
+            joint = mb.Floating(start=(0.0, 2.0 * k, 0.3 - 2.0 * G / 1e5, 1, 0, 0, 0), rate=(2.0, 0, 0, 0, 10.0, 0))
+            wheel = m.body(f"wheel{k}", m.ground, joint, mass=2.0, inertia=(0.05, 0.09, 0.05))
+            tire = mb.SlippingWheel(radius=0.3, crown_radius=0.1, friction=0.5, stiffness=1e5, damping=0.5)
+            m.force(f"tire{k}", tire, wheel, m.ground)
+        m.output("rate", wheel.velocity("x"))
+        result = mb.simulate(m, 0.4, solver="ida", tolerance=1e-6)
+        assert result["rate"][-1] == pytest.approx(2.0 + (3.0 - 2.0) / (1.0 + 2.0 * 0.3**2 / 0.09), abs=1e-5)
+        found.append(result.statistics.steps)
+    assert found[1] < 1.5 * found[0]
+
+
 @pytest.mark.parametrize(
     ("wrong", "text"),
     [

@@ -21,6 +21,7 @@ from .calls import (
     IS_BEGUN,
     JACOBIAN,
     KRYLOV_DIMENSION,
+    LINEAR_TOLERANCE,
     MATVEC,
     MAX_CJ_CHANGE,
     PRECONDITION,
@@ -111,7 +112,7 @@ def begin_history_at(problem: Any, t: float) -> bool:
     """Begin a history of IDA at t (s) with its present unknowns; False: SUNDIALS refuses it."""
     settings = problem.settings[0]
     begun: bool = begin_history(
-        problem.memory.ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE
+        problem.memory.ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE, LINEAR_TOLERANCE
     )
     return begun
 

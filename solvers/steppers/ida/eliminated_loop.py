@@ -18,6 +18,7 @@ from .calls import (
     ERROR_WEIGHTS,
     JACOBIAN,
     KRYLOV_DIMENSION,
+    LINEAR_TOLERANCE,
     MATVEC,
     MAX_CJ_CHANGE,
     MEMORY,
@@ -54,7 +55,7 @@ def begin(problem: Integration) -> int:
             return COLLAPSED
     count_ida_failures(memory)
     memory.progress[0].works = settings.works
-    if not begin_history(ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE):
+    if not begin_history(ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE, LINEAR_TOLERANCE):
         return COLLAPSED
     record_start(memory.progress, memory.counts, memory.energy_record, t, problem.energy_account[WORK])
     end_start(problem, t)

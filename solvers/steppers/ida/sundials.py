@@ -30,6 +30,7 @@ from .calls import (
     KRYLOV_DIMENSION,
     LAST_ORDER,
     LAST_STEP,
+    LINEAR_TOLERANCE,
     MAX_CJ_CHANGE,
     REJECTED,
     RESIDUAL,
@@ -120,11 +121,14 @@ class DirectIDA:
         s.
     krylov
         Dimension of GMRES where there is a preconditioner.
+    linear_tolerance
+        Residual of its solutions relative to what stops Newton's iteration.
     """
 
     def __init__(
         self, callbacks: Callbacks, loop: Callable[..., int], data: Any, progress: Any, counts: Array, handle: Any, *,
         rtol: float, max_order: int, max_step: float, krylov: int = KRYLOV_DIMENSION,
+        linear_tolerance: float = LINEAR_TOLERANCE,
     ) -> None:  # fmt: skip
         context = ctypes.c_void_p()
         with discard_logs():  # before any kernel is loaded: those name symbols of the library, which this call loads
@@ -134,7 +138,7 @@ class DirectIDA:
         for given, letters in zip(callbacks, CALLBACK_SIGNATURES, strict=True):
             made.append(None if given is None else compile_c_callback(given, letters, kind))
         self._loop, self._data, self._progress, self._counts, self._handle = loop, data, progress, counts, handle
-        self._options = rtol, max_order, max_step
+        self._options, self._linear_tolerance = (rtol, max_order, max_step), linear_tolerance
         own = handle.value
         self.y, self.slopes, self._counters, self._reals = own.y, own.slopes, own.counters, own.reals
         own.words[: len(FUNCTION_NAMES)] = [library().address(name) for name in FUNCTION_NAMES]
@@ -147,7 +151,7 @@ class DirectIDA:
     def begin(self, t: float, y: Array, slopes: Array) -> None:
         """Begin a history at t (s) with unknowns and their derivatives (N,), tolerances as they are now."""
         self.y[:], self.slopes[:] = y, slopes
-        begin_history(self._handle, t, *self._options, MAX_CJ_CHANGE)
+        begin_history(self._handle, t, *self._options, MAX_CJ_CHANGE, self._linear_tolerance)
 
     def step_until(self, t: float) -> int:
         """Step until t (s) is passed; see :func:`.loop.step_until`."""

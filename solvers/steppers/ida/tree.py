@@ -58,7 +58,7 @@ from solvers.system import MAX_SOLVER_DENSE_COORDINATES, Array, TreeSystem
 
 from . import tree_loop
 from .binding import BoundIDA
-from .calls import KRYLOV_DIMENSION
+from .calls import KRYLOV_DIMENSION, LINEAR_TOLERANCE, STICKING_LINEAR_TOLERANCE
 from .driver import IDADriver
 from .loop import MAX_CONVERGENCE_FAILURES
 from .sundials import DirectIDA, is_library_supported
@@ -103,6 +103,7 @@ class TreeIDAStepper(IDADriver):
         self._set_records(memory.counts, memory.energy_record, memory.progress)
         settings["has_mesh"], settings["is_smooth"] = self._has_mesh, not system.nonsmooth_reason
         settings["weighs_errors"] = bool(system.nonsmooth_reason) or system.can_compute_rate_growth
+        settings["linear_tolerance"] = STICKING_LINEAR_TOLERANCE if system.stick_reason else LINEAR_TOLERANCE
         work = Work.allocate(nq, n, m, system.placed)
         work = work._replace(complex_step=self._make_complex_step(unpin(unpin(work.own).reduced)))
         work.size[:], work.inertia["watched"] = system.size, system.can_compute_rate_growth
@@ -130,6 +131,7 @@ class TreeIDAStepper(IDADriver):
             return DirectIDA(
                 EXACT_TREE_CALLBACKS if system.nonsmooth_reason else weighing, step_until, problem, memory.progress,
                 memory.counts, unpin(unpin(problem).memory).ida, rtol=rtol, max_order=order, max_step=options.max_step,
+                linear_tolerance=float(settings["linear_tolerance"]),
             )  # fmt: skip
         if system.nonsmooth_reason:
             raise ValueError(

@@ -65,7 +65,8 @@ def begin(problem: Integration) -> int:
             return COLLAPSED
     count_ida_failures(memory)
     memory.progress[0].works = settings.works
-    if not begin_history(ida, t, settings.rtol, settings.max_order, settings.max_step, MAX_CJ_CHANGE):
+    limits = settings.max_order, settings.max_step, MAX_CJ_CHANGE, settings.linear_tolerance
+    if not begin_history(ida, t, settings.rtol, *limits):
         return COLLAPSED
     record_start(memory.progress, memory.counts, memory.energy_record, t, problem.energy_account[WORK])
     end_start(problem, t)

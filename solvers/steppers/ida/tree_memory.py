@@ -60,6 +60,7 @@ class SettingsRecord(Record):
     has_mesh: i8  # 1: some joints are those between nodes of a mesh
     is_smooth: i8  # 0: forces change sharply within the tolerance
     weighs_errors: i8  # 1: errors are weighed by the tolerances of :class:`Work`
+    linear_tolerance: f8  # of GMRES, see :mod:`.calls`
 
 
 SETTINGS = SettingsRecord.dtype
