@@ -260,11 +260,14 @@ def test_events_without_actions_do_not_change_the_motion():
     ("change", "text"),
     [
         ({"direction": "left"}, "direction of event 'e' is 'left'; allowed: 'up', 'down', 'both'"),
+        ({"direction": ["up"]}, r"direction of event 'e' is \['up'\]"),
         ({"crosses": np.nan}, "value of event 'e' is nan"),
         ({"within": 0.0}, "within of event 'e' is 0.0"),
         ({"at": 1.0}, "allowed: one of the two"),
         ({"then": "stop"}, "allowed: SetInput, SetParameter, Impulse, Bounce, Lock, Release, Restart and EndRun"),
         ({"then": mb.SetInput("force", np.inf)}, "value of input 'force' in event 'e' is inf"),
+        ({"then": mb.SetInput(["force"], 1.0)}, r"name in SetInput of event 'e' is \['force'\]; allowed: a text"),
+        ({"then": mb.SetParameter(["force"], 1.0)}, "name in SetParameter of event 'e'"),
         ({"sensor": 3.0}, "sensor of event 'e' is 3.0"),
         ({"sensor": None}, "is given no sensor"),
     ],
@@ -273,6 +276,13 @@ def test_what_is_no_event_is_refused(change: dict, text: str):
     m, body = ball()
     with pytest.raises(UserError, match=text):
         m.event("e", **({"sensor": body.rate()} | change))
+
+
+@pytest.mark.parametrize("coordinate", [None, True, 1.0, "x"])
+def test_a_coordinate_of_an_impulse_that_is_no_number_is_refused(coordinate: object):
+    m, body = ball()
+    with pytest.raises(UserError, match=r"coordinate of the impulse in event 'e' is .*; allowed: a number from 0"):
+        m.event("e", at=1.0, then=mb.Impulse(body, 1.0, coordinate=coordinate))
 
 
 def test_a_time_before_the_start_of_models_is_refused():

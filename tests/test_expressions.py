@@ -213,6 +213,7 @@ def test_inputs_in_which_a_model_is_not_linear_are_known() -> None:
         (lambda m, body: m.expression("cart.rate()"), """"cart_rate", uses={'cart_rate': cart.rate()}"""),
         (lambda m, body: m.expression("x", uses={"x": body.rate(), "y": 1.0}), "has 'y', which the law does not"),
         (lambda m, body: m.expression("x", uses={"x": cart()[1].rate()}), "which is not a body of this mechanism"),
+        (lambda m, body: m.expression("x", uses="x"), "is 'x'; allowed: quantities by names such as 'angle'"),
         (lambda m, body: m.expression("2 * t", unit="foo"), "unit is 'foo'"),
         (
             lambda m, body: m.event("e", m.expression("t + a", uses={"a": body.acceleration()})),

@@ -269,6 +269,8 @@ def no(t: float) -> float:
     [
         (([0.0, 0.5], [1.0, 2.0]), r"input 'F' is given by points from 0 to 0.5 s, but the run is from 0 to 1 s"),
         (([0.0, 0.0], [1.0, 2.0]), r"input 'F'"),
+        (([0.0, 1.0], 1.0), r"input 'F' has \(2,\) and \(\) numbers; allowed: as many x as y"),
+        (([0.0, 1.0], [1.0, [2.0]]), r"y of input 'F' is \[1.0, \[2.0\]\]; it needs numbers"),
         ([1.0], "input 'F' is .*; allowed: a finite number, a function"),
         (lambda t: np.nan, "input 'F' is nan at t = 0"),
         (lambda t: [t], r"input 'F' is \[.*at t = 0"),

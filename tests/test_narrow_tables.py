@@ -64,6 +64,24 @@ def test_springs_between_points_do_not_pass_their_spikes() -> None:
     assert result["rate"][-1] == pytest.approx(exact(), abs=2e-7)
 
 
+@pytest.mark.parametrize("kind", ["linear", "monotone"])
+@pytest.mark.parametrize("distance", [2.0, 10.0])
+def test_several_spikes_in_one_narrow_part_are_not_passed(kind: str, distance: float) -> None:
+    """Closed form: energy. Six spikes, whose distances are multiples of their width, push or brake."""
+    feet = PLACE + 2.0 * WIDTH * (1.0 + distance) * np.arange(6)
+    x = np.concatenate(([0.0], np.ravel(feet[:, None] + WIDTH * np.array([-1.0, 0.0, 1.0])), [10.0]))
+    heights = HEIGHT * np.array([0.3, 0.1, -0.15, 0.25, 0.05, 0.2])
+    y = np.concatenate(([0.0], np.ravel(heights[:, None] * np.array([0.0, -1.0, 0.0])), [0.0]))
+    m = mb.Mechanism()
+    body = m.body("sled", m.ground, mb.Translational(axis="x", rate=1.0, nominal=1.0), mass=1.0)
+    m.force("spikes", mb.JointSpring(stiffness=mb.Table(x, y, kind)), body)
+    m.output("rate", body.rate())
+    result = mb.simulate(m, 7.0, interval=7.0, solver="adams", tolerance=1e-8)
+    work = WIDTH * heights.sum()  # of triangles; curves without slope at all points have the same integral
+    assert result["rate"][-1] == pytest.approx(np.sqrt(1.0 + 2.0 * work), abs=1e-6)
+    assert not result.warning
+
+
 def test_cams_declare_events_at_their_bumps() -> None:
     """The solver restarts where the bump of 10 mm begins and ends on a path of 10 m."""
     x = np.array([0.0, 4.995, 4.9975, 5.0, 5.0025, 5.005, 10.0])
@@ -107,6 +125,26 @@ def test_narrow_parts(x: Any, y: Any, options: Any, parts: Any, scale: float) ->
 def test_corners_of_lines_within_narrow_parts_are_places_too() -> None:
     assert places_of(spike()) == [4.995, 5.0, 5.005]
     assert places_of(spike(kind="monotone")) == [4.995, 5.005]
+
+
+def test_places_within_narrow_parts_are_limited_and_follow_the_curve() -> None:
+    """A smooth bump of many points needs no places inside; a curve of noise has as many as allowed."""
+    x = np.linspace(4.95, 5.05, 301)
+    inside = (x - 4.95) * (5.05 - x)
+    bump = mb.Table(np.append([0.0], x), np.append([0.0], inside), "monotone", "hold")
+    noise = mb.Table(
+        np.append([0.0], x), np.append([0.0], inside * np.random.default_rng(1).normal(size=301)), "linear"
+    )
+    assert len(places_of(bump)) < 5
+    assert len(places_of(noise)) == 60
+
+
+def test_a_table_that_is_none_is_refused_with_the_name_of_its_force() -> None:
+    m = mb.Mechanism()
+    body = m.body("sled", m.ground, mb.Translational(axis="x", nominal=1.0), mass=1.0)
+    m.force("spike", mb.JointSpring(stiffness=mb.Table([0.0, 1.0], [1.0, 2.0, 3.0])), body)
+    with pytest.raises(mb.UserError, match=r"the table of force 'spike' has \(2,\) and \(3,\) numbers"):
+        CompiledMechanism(m)
 
 
 def test_other_tables_declare_no_events() -> None:

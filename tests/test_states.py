@@ -414,6 +414,7 @@ def test_solver_of_a_user_integrates_states_in_its_order() -> None:
         (lambda m, arm: m.state("x", "1 - z", uses={"u": 1.0}), "does not contain"),
         (lambda m, arm: m.state("x", "u - z", uses={"u": arm.acceleration()}), "Acceleration"),
         (lambda m, arm: m.state("x", "z", uses={"z": 1.0}), "means something else"),
+        (lambda m, arm: m.state("x", "z", uses=["y"]), r"uses of state 'x' is \['y'\]; allowed: quantities by names"),
         (lambda m, arm: m.state("x", "z", nominal=0.0), "nominal of state 'x' is 0.0"),
         (lambda m, arm: m.state("x", "z", nominal=1e-60), "nominal of state 'x' is 1e-60; allowed: 1e-50 to 1e"),
         (lambda m, arm: FirstOrderState(name="x", start=np.nan), "start of state 'x' is nan"),

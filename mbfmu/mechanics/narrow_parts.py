@@ -14,7 +14,11 @@ import numpy as np
 
 from mbfmu.mechanics.signals import Table
 
-MAX_CORNERS = 10  # of a narrow part, at all of which the solver restarts
+MIN_STEPS_AFTER_RESTART = 8  # to the next event at which the solver restarts
+MAX_PLACES = 60  # in a narrow part
+MAX_TABLE_DEVIATION_RATIO = (
+    0.02  # of lines through the ends of equal steps between places, relative to the range of the part
+)
 MIN_DISTANCE_RATIO = 20.0  # of the distance to other corners, relative to the width of a narrow part
 SLOPE_ROUNDING_RATIO = 1e-9  # of differences of slopes that are rounding errors, relative to the largest slope
 
@@ -51,11 +55,41 @@ def narrow_parts(table: Table) -> list[tuple[float, float]]:
 
 
 def places_of(table: Table) -> list[float]:
-    """Return the abscissas at which its narrow parts begin and end and, if it is made of lines, their corners inside
-    unless there are more than ``MAX_CORNERS``.
+    """Return the abscissas at which its narrow parts begin and end, and corners inside.
+
+    These are all corners of lines, if there are at most ``MAX_PLACES``; otherwise those without which the steps from
+    place to place may pass a part of the curve.
     """
-    found, corners = set[float](), corners_of(table)
-    for begin, end in narrow_parts(table):
+    places, corners = set[float](), corners_of(table)
+    parts = narrow_parts(table)
+    for begin, end in parts:
         inside = corners[(begin <= corners) & (corners <= end)]
-        found |= {begin, end} | set(inside.tolist() if table.kind == "linear" and len(inside) <= MAX_CORNERS else ())
-    return sorted(found)
+        places |= {begin, end} | set(inside.tolist() if table.kind == "linear" and len(inside) <= MAX_PLACES else ())
+    for begin, end in parts:
+        inside = corners[(begin <= corners) & (corners <= end)]
+        places |= refine_places(table, inside, {place for place in places if begin <= place <= end})
+    return sorted(places)
+
+
+def refine_places(table: Table, corners: Any, places: set[float]) -> set[float]:
+    """Return ``places`` and the ``corners`` (k,) at which lines through equal steps deviate most from the curve."""
+    values, found = values_of(table, corners), set(places)
+    allowed = MAX_TABLE_DEVIATION_RATIO * float(np.ptp(values))
+    while len(found) < min(MAX_PLACES, len(corners)):
+        ends = np.array(sorted(found))
+        parts = np.arange(MIN_STEPS_AFTER_RESTART * (len(ends) - 1) + 1) / MIN_STEPS_AFTER_RESTART
+        steps = np.interp(parts, np.arange(len(ends)), ends)
+        deviations = np.where(np.isin(corners, ends), 0.0, np.interp(corners, steps, values_of(table, steps)) - values)
+        largest = int(np.argmax(np.abs(deviations)))
+        if abs(deviations[largest]) <= allowed:
+            break
+        found.add(float(corners[largest]))
+    return found
+
+
+def values_of(table: Table, x: Any) -> Any:
+    """Return the values (k,) of a table at abscissas (k,) between its first and its last point."""
+    rows = table.rows("a table")
+    at = rows[np.searchsorted(rows[:, 0], x, side="right") - 1]
+    s = x - at[:, 0]
+    return at[:, 1] + s * (at[:, 2] + s * (at[:, 3] + s * at[:, 4]))

@@ -81,6 +81,12 @@ class Quantity(NamedTuple):
     source: Any  # signal, sensor or state; None: the owner gives its place
 
 
+def check_names_of_quantities(what: str, uses: Any) -> None:
+    """Raise UserError for what is no mapping from names to quantities."""
+    if not isinstance(uses, Mapping) or not all(isinstance(name, str) and name.isidentifier() for name in uses):
+        raise UserError(f"uses of {what} is {short(uses)}; allowed: quantities by names such as 'angle'")
+
+
 class QuantityLaw:
     """A law with what its arguments are.
 
@@ -114,8 +120,7 @@ class QuantityLaw:
     def __init__(
         self, what: str, given: Any, own: Mapping[str, int], uses: Mapping[str, Any], *, any_sensor: bool = False
     ) -> None:
-        if not isinstance(uses, Mapping) or not all(isinstance(name, str) and name.isidentifier() for name in uses):
-            raise UserError(f"uses of {what} is {short(uses)}; allowed: quantities by names such as 'angle'")
+        check_names_of_quantities(what, uses)
         for name in uses:
             if name in own or name in law.FUNCTIONS:
                 raise UserError(f"uses of {what} has the name {name!r}, which means something else there; rename it")

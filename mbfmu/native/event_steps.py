@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from mbfmu.session.event_search import MIN_STEPS_AFTER_RESTART
+from mbfmu.mechanics.narrow_parts import MIN_STEPS_AFTER_RESTART
+from mbfmu.session.event_search import MAX_TRIAL_STEPS
 from mbfmu.session.kernels.event_durations import update_durations
 from mbfmu.session.kernels.event_search import Search, StepActions, search_of
 from mbfmu.session.kernels.points import account_discontinuity, check_point, energy_at
@@ -206,18 +207,16 @@ def restart_of(family: Any, solver: SolverActions, search: Search) -> Any:
         for k in range(own.sides.shape[0]):
             kept.sides[k], kept.bands[k] = own.sides[k], own.bands[k]
         begin_search(instance)
-        while instance.clock[0] < end and taken < MIN_STEPS_AFTER_RESTART and not is_over:
+        while instance.clock[0] < end and taken < MAX_TRIAL_STEPS and not is_over:
             if step(instance, end, float("inf")) != OK:
                 break
             taken += 1
             is_over = is_restart_found(instance.events, own)
             if not is_over:
                 begin_search(instance)
-        if taken < MIN_STEPS_AFTER_RESTART and instance.clock[0] > begin:
-            control.limit, control.limited = (
-                (instance.clock[0] - begin) / MIN_STEPS_AFTER_RESTART,
-                MIN_STEPS_AFTER_RESTART,
-            )
+        if taken < MAX_TRIAL_STEPS and instance.clock[0] > begin:
+            control.limit = (instance.clock[0] - begin) / MIN_STEPS_AFTER_RESTART
+            control.limited = taken + MIN_STEPS_AFTER_RESTART
         copy_words(kept.trial, kept.state)
         restored(instance.given, instance.options)
         kept.is_kept[0], instance.session.status[0].code = 0, OK

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbfmu.mechanics import CompiledMechanism
+from mbfmu.mechanics.narrow_parts import MIN_STEPS_AFTER_RESTART
 from mbfmu.mechanics.recursions.dynamics import watch_sensors
 from solvers.compiled.tuple_pointer import pin, unpin
 from solvers.outcome import OK, Code, Status
@@ -18,7 +19,7 @@ from .kernels.event_search import StepActions, search_of
 from .kernels.pull_search import pull_search_of
 from .stepper_run import StepperRun
 
-MIN_STEPS_AFTER_RESTART = 8  # to the next event at which the solver restarts
+MAX_TRIAL_STEPS = 32  # of a trial that finds this event: the first ones after a restart are short
 
 
 def _take_step(run: StepperRun, end: float, longest: float) -> int:
@@ -140,16 +141,16 @@ class CrossingSearch:
         control["limited"], begin, saved, taken = 0, stepper.t, stepper.save(), 0
         sides, bands, found = memory.sides.copy(), memory.bands.copy(), list[int]()
         self.begin()
-        while stepper.t < end and taken < MIN_STEPS_AFTER_RESTART and not restarting[found].any():
+        while stepper.t < end and taken < MAX_TRIAL_STEPS and not restarting[found].any():
             if SEARCH.step(run, end, np.inf) != OK:
                 break
             taken += 1
             found = self._found()
             if found:
                 self.begin()
-        if taken < MIN_STEPS_AFTER_RESTART and stepper.t > begin:
+        if taken < MAX_TRIAL_STEPS and stepper.t > begin:
             control["limit"] = (stepper.t - begin) / MIN_STEPS_AFTER_RESTART
-            control["limited"] = MIN_STEPS_AFTER_RESTART
+            control["limited"] = taken + MIN_STEPS_AFTER_RESTART
         stepper.restore(saved)
         stepper.status = Status(Code.OK, begin, stepper.fallback_solvers)
         memory.sides[:], memory.bands[:] = sides, bands

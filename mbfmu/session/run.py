@@ -119,7 +119,7 @@ def simulate(
 
 def is_given_over_time(value: Any) -> bool:
     """Whether an input is given by more than one number."""
-    return callable(value) or isinstance(value, str | Signal) or np.ndim(value) > 0 or isinstance(value, tuple | list)
+    return callable(value) or isinstance(value, str | Signal | tuple | list) or np.ndim(value) > 0
 
 
 def warn_about_step_count(found: Diagnostic) -> None:

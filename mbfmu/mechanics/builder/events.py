@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mbfmu.mechanics.events import DIRECTIONS, Action, Bounce, Event, Impulse, Lock, Release, SetInput
+from mbfmu.mechanics.events import DIRECTIONS, Action, Bounce, Event, Impulse, Lock, Release, SetInput, SetParameter
 from mbfmu.mechanics.joints import Joint, Section
 from mbfmu.mechanics.kind import check_element_type
-from mbfmu.mechanics.numbers import finite, not_negative, positive
+from mbfmu.mechanics.numbers import finite, is_whole, not_negative, positive
 from mbfmu.mechanics.sensors import Sensor
 from mbfmu.util.errors import UserError, short
 
@@ -83,7 +83,7 @@ class Events(Delays):
                 "allowed: one of the two. Give a sensor, or a time by `at`"
             )
         watched = None if sensor is None else self._crossing_sensor(f"sensor of {what}", sensor)
-        if direction not in DIRECTIONS:
+        if not isinstance(direction, str) or direction not in DIRECTIONS:
             raise UserError(f"direction of {what} is {direction!r}; allowed: {', '.join(map(repr, DIRECTIONS))}")
         actions = (then,) if isinstance(then, Action) else then
         if not isinstance(actions, list | tuple) or not all(isinstance(action, Action) for action in actions):
@@ -125,11 +125,17 @@ class Events(Delays):
 
     def _check_action(self, what: str, action: Action, sensor: Sensor | None, direction: str) -> None:
         """Raise UserError if an event, ``what``, with this sensor and direction cannot have an action."""
+        if isinstance(action, SetInput | SetParameter) and not isinstance(action.name, str):
+            raise UserError(f"name in {type(action).__name__} of {what} is {short(action.name)}; allowed: a text")
         if isinstance(action, SetInput):
             finite(f"value of input {action.name!r} in {what}", action.value)
         elif isinstance(action, Impulse):
             finite(f"value of the impulse in {what}", action.value)
             owner = self._coordinate_owner(action.body, f"body of the impulse in {what}")
+            if not is_whole(action.coordinate):
+                raise UserError(
+                    f"coordinate of the impulse in {what} is {short(action.coordinate)}; allowed: a number from 0"
+                )
             coordinate_of(f"coordinate of the impulse in {what}", owner, action.coordinate)
             if owner.joint.drive is not None:
                 raise UserError(

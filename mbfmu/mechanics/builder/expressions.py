@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from mbfmu.mechanics.quantities import check_names_of_quantities
 from mbfmu.mechanics.sensors import Expression, Sensor
 from mbfmu.util.units import read_unit
 
@@ -41,7 +42,8 @@ class Expressions(States):
             The unit or the law is invalid, a name is not known or not used, or a quantity is of another mechanism.
         """
         read_unit(unit)
-        given = dict(uses or {})
-        made = Expression(unit=unit, law=law, uses=given)
-        self._check_quantities(made.what, given)
+        given = {} if uses is None else uses
+        check_names_of_quantities("an expression", given)
+        made = Expression(unit=unit, law=law, uses=dict(given))
+        self._check_quantities(made.what, made.uses)
         return made

@@ -27,6 +27,7 @@ def declare_short_forces(m: Mechanism) -> None:
     m.events[:] = [event for event in m.events if event.is_listed]
     found = []
     for what, table, sensor, origin in tables_over_coordinates(m):
+        table.rows(f"the table of {what}")
         for k, place in enumerate(places_of(table), 1):
             name = f"{what}, place {k} of its table"
             found.append(Event(name, (Restart(),), sensor, place + origin, is_listed=False))

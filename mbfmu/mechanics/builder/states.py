@@ -8,6 +8,7 @@ from typing import Any
 from mbfmu.mechanics.kind import check_element_type
 from mbfmu.mechanics.loads.base import FirstOrderState
 from mbfmu.mechanics.loads.state_equation import StateEquation
+from mbfmu.mechanics.quantities import check_names_of_quantities
 from mbfmu.mechanics.sensors import Sensor, StateRate, StateValue
 from mbfmu.util.units import rate_unit
 
@@ -87,9 +88,10 @@ class States(Loading):
         self._new_name("state", name, [acting.name for acting in self.state_equations])
         what = f"state {name!r}"
         declared = FirstOrderState(name=name, unit=unit, start=start, nominal=nominal)
-        given = dict(uses or {})
+        given = {} if uses is None else uses
+        check_names_of_quantities(what, given)
         self._check_quantities(what, given)
-        equation = StateEquation(state=declared, rate=rate, uses=given)
+        equation = StateEquation(state=declared, rate=rate, uses=dict(given))
         check_element_type(what, equation, StateEquation)
         self.state_equations.append(Acting(what, equation, (), name))
         return StateHandle(name, unit, self)
