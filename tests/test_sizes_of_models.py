@@ -76,25 +76,23 @@ def with_friction_of_points(n: int) -> mb.Mechanism:
 
 LINES: dict[str, list[Callable[[], mb.Mechanism]]] = {
     "n up to 60": [lambda: wheels(60)[0], lambda: wheels(60, gears=2)[0], lambda: wheels(59, lags=1)[0]],
-    "n above 60, no loops": [
+    "n above 60 and one of: no loops; m above 30; n above 100 and no first-order states": [
         lambda: wheels(61)[0],
         lambda: wheels(60, lags=1)[0],
         lambda: wheels(5, lags=200)[0],
         lambda: with_friction_of_joints(120),
-    ],
-    "n above 60, loops with m above 30": [
         lambda: wheels(62, gears=31)[0],
         lambda: wheels(101, gears=31)[0],
         lambda: wheels(62, gears=31, lags=1)[0],
-    ],
-    "n above 100, loops with m up to 30, no first-order states": [
         lambda: wheels(101, gears=1)[0],
         lambda: wheels(101, gears=30)[0],
     ],
-    "n from 61 to 100, loops with m up to 30": [lambda: wheels(61, gears=1)[0], lambda: wheels(100, gears=30)[0]],
-    "n above 60, loops with m up to 30, first-order states": [lambda: wheels(101, gears=30, lags=1)[0]],
-    "n above 60, flexible bodies": [lambda: with_flexible_body(61), lambda: with_flexible_body(101)],
-    "n above 60, more than 200 first-order states of other elements than friction of joints": [
+    "n above 60, others": [
+        lambda: wheels(61, gears=1)[0],
+        lambda: wheels(100, gears=30)[0],
+        lambda: wheels(101, gears=30, lags=1)[0],
+        lambda: with_flexible_body(61),
+        lambda: with_flexible_body(101),
         lambda: wheels(61, lags=201)[0],
         lambda: wheels(62, gears=31, lags=201)[0],
         lambda: with_friction_of_points(61),

@@ -44,6 +44,7 @@ class FmuKind(StrEnum):
 
 
 NOT_NATIVE = ("not-native", "no-runtime")  # codes of errors that an FMU that calls Python does not have
+PYTHON_FMU = "this FMU calls Python, and requires mbfmu where it runs"
 
 
 class Files(NamedTuple):
@@ -146,7 +147,8 @@ def export_scene(
         except UserError as error:
             if error.diagnostic.code not in NOT_NATIVE or not falls_back or fmi != 2 or {*platforms} - {host()}:
                 raise
-            text = f"this FMU calls Python, and needs mbfmu where it runs: {error.diagnostic.text}"
+            which = "the run uses an FMU that calls Python" if kind is FmuKind.ONE_RUN else PYTHON_FMU
+            text = f"{which}: {error.diagnostic.text}"
             report(Diagnostic.note("python-fmu", text, subject=error.diagnostic.subject))
         else:
             return kind

@@ -118,7 +118,7 @@ def native_model(model: Model, settings: Settings, for_one_run: bool = False) ->
     """
     simulation = UnstartedSimulation(model, settings)
     if for_one_run and (events := simulation.compiled.mechanism.events):
-        raise UserError(f"native runs do not list events, such as {events[0].name!r}; use Python", "not-native")
+        raise UserError(f"native FMUs do not list the events of a run, such as {events[0].name!r}", "not-native")
     exchanges = not for_one_run and not explain_missing_exchange(simulation)
     differentiates = exchanges and not explain_missing_derivatives(simulation)
     instance, image = image_of(simulation, differentiates)
