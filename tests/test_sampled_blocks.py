@@ -93,6 +93,36 @@ def test_a_quantizer_rounds_the_samples_of_a_signal() -> None:
     np.testing.assert_allclose(result["coarse"][1::2], before[:-1], rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("solver", "others"), [("adams", 0), ("ida", 0), ("radau", 0), ("adams", 60), ("ida", 60)])
+@pytest.mark.parametrize("interval", [0.1, 0.037])
+def test_samples_that_cross_a_value_are_events(solver: str, others: int, interval: float) -> None:
+    """They occur at the first sample beyond the value, after a sample in each direction, and not at the start. An
+    impulse there gives another rate from then on; a jump by the action of an event is none.
+    """
+    m = mb.Mechanism()
+    cart = m.body("cart", m.ground, mb.Translational(axis="x", rate=0.5), mass=2.0)
+    for k in range(others):
+        m.body(f"other{k}", m.ground, mb.Translational(axis="x", nominal=1.0), mass=1.0)
+    offset = mb.Input(name="offset", unit="m", start=0.0)
+    wave = m.sample_hold("wave", mb.Function("sin(5 * t)"), period=0.1, start=-1.0)
+    place = m.sample_hold("place", cart.coordinate(), period=0.2)
+    m.event("turn", wave, crosses=0.3)
+    m.event("push", place, crosses=0.25, direction="up", then=mb.Impulse(cart, 1.0))
+    m.event("shift", at=0.7, then=mb.SetInput("offset", 10.0))
+    m.event("none", m.expression("x + u", uses={"x": place, "u": offset}), crosses=5.0)
+    m.output("x", cart.coordinate())
+    result = mb.simulate(m, 2.0, interval=interval, solver=solver, tolerance=1e-6)
+    is_above = np.sin(0.5 * np.arange(21)) > 0.3
+    turns = 1 + np.flatnonzero(is_above[1:] != is_above[:-1])
+    found = [(event.name, event.direction) for event in result.events]
+    expected = [(0.1 * k, "turn", "up" if is_above[k] else "down") for k in turns.tolist()]
+    expected = sorted([*expected, (0.1 * 6, "push", "up"), (0.1 * 7, "shift", "")], key=lambda event: event[0])
+    assert found == [(name, direction) for _, name, direction in expected]
+    np.testing.assert_allclose([event.time for event in result.events], [time for time, *_ in expected], atol=1e-12)
+    np.testing.assert_allclose(result["x"], 0.5 * result.t + 0.5 * np.maximum(result.t - 0.6, 0.0), atol=1e-6)
+    assert not result.warning
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [

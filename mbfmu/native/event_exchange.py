@@ -23,6 +23,7 @@ from mbfmu.session.kernels.event_points import (
     EventSearch,
     clear_found,
     fill_point,
+    mark_crossed,
     note_sides,
     side_of,
 )
@@ -252,6 +253,23 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             record_bounces_beyond(events, instance.search)
         return code
 
+    @jit_uncached
+    def act_on_samples(instance: Any, t: float) -> int:
+        """Let the states jump by ``dv``, and execute the events of sensors that cross by it; return a code."""
+        events, search, code = instance.events, instance.search, OK
+        release_sides(events, search, instance.options[0].rtol)
+        take_sides(search)
+        fill_point(search, instance.session, t, instance.q, instance.v, HERE)
+        note_sides(search, HERE)
+        clear_found(search)
+        let_jump(instance)
+        fill_point(search, instance.session, t, instance.q, instance.v, HERE)
+        if mark_crossed(search):
+            collect_due(events, search, t, 0.0)
+            code = act(instance)
+            clear_found(search)
+        return code
+
     def events_exchange_start(instance: Any, t: float) -> int:
         """Begin at the reported state of time t, s."""
         begin_events(instance.events, t)
@@ -315,9 +333,13 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
         if control.failure != NO_FAILURE:
             return EVENT_FAILED
         if control.ended == 0 and fill_sample_jump(instance, SAME_TIME_RATIO * max(1.0, abs(t))):
-            let_jump(instance)
+            code = act_on_samples(instance, t)
         release(instance, t)
         pack_states(instance.q, instance.v, instance.exchange)
+        if code != OK:
+            return code
+        if control.failure != NO_FAILURE:
+            return EVENT_FAILED
         release_sides(events, search, instance.options[0].rtol)
         take_sides(search)
         code = update_at(instance, t)

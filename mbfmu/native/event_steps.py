@@ -62,7 +62,7 @@ def execution_of(
     """Return what happens at the events of a family."""
     jump, restart, jumps = solver.jump, solver.restart, jump_kernels(family.jumps)
     _, bounce, push, lock, adapt = jumps
-    set_input = jit_uncached(sequence.set_input)
+    set_input, begin_search = jit_uncached(sequence.set_input), jit_uncached(search.begin)
 
     @jit_uncached
     def let_jump(instance: Any) -> None:
@@ -166,6 +166,7 @@ def execution_of(
         """Take the samples of the time reached; return whether there are any."""
         is_any: bool = fill_sample_jump(instance, EQUAL_TIME_SPACINGS * spacing(instance.clock[0]))
         if is_any:
+            begin_search(instance)
             let_jump(instance)
             note_durations(instance)
         return is_any
@@ -230,7 +231,8 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
     """Return the entry points of models with events by their names; all take an instance and a time, s."""
     actions = step_actions(family, solver)
     search = search_of(actions, jit_uncached)
-    begin_search, begin_step = jit_uncached(search.begin), jit_uncached(sequence.begin_step)
+    begin_search, find_jumped = jit_uncached(search.begin), jit_uncached(search.find_jumped)
+    begin_step = jit_uncached(sequence.begin_step)
     act, sample, release, hold_first, advance = execution_of(family, solver, sequence, actions, search)
     restart_in_steps = restart_of(family, solver, search)
 
@@ -270,16 +272,16 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
         After PARAMETER_CODE the step continues when it is called again.
         """
         control, slack = instance.events.control[0], EQUAL_TIME_SPACINGS * spacing(end)
-        is_interrupted = control.row != NO_ROW
+        is_interrupted, is_jumped = control.row != NO_ROW, False
         code: int = OK
         if control.ended == 0 and not is_interrupted:
             code = release(instance)
             code = begin_step(instance, end) if code == OK else code
         while code == OK and control.ended == 0:
-            if not is_interrupted and control.restarts == 1 and instance.clock[0] < end:
-                control.restarts = 0
-                restart_in_steps(instance, end)
-            if not is_interrupted:
+            if not is_interrupted and not is_jumped:
+                if control.restarts == 1 and instance.clock[0] < end:
+                    control.restarts = 0
+                    restart_in_steps(instance, end)
                 code = advance_to_event(instance, end, slack)
                 control.changed = 0
             if code != OK:
@@ -289,6 +291,7 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
             code = act(instance) if is_event else OK
             code = release(instance) if code == OK else code
             is_sample = code == OK and control.ended == 0 and sample(instance)
+            is_jumped = is_sample and find_jumped(instance)
             code = release(instance) if is_sample else code
             if not is_event and not is_sample and instance.clock[0] >= end:
                 break

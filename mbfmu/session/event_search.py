@@ -104,6 +104,10 @@ class CrossingSearch:
         """Note the sides at the reported state, at which nothing is a crossing."""
         SEARCH.begin(self._run)
 
+    def find_jumped(self) -> list[int]:
+        """Return the numbers of the sensors that cross their values by a jump of the reported state since then."""
+        return self._found() if SEARCH.find_jumped(self._run) else []
+
     def advance(self, end: float) -> list[int]:
         """Advance to the first crossing before or at ``end`` (s), or to it; return the numbers of the sensors that
         cross there. The status of the stepper contains why neither is reached.

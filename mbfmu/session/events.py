@@ -179,6 +179,7 @@ class RunEvents:
         """Take the samples of the time reached; return whether there are any."""
         jump = self._samples.jump() if self.stop is None else None
         if jump is not None:
+            self._search.begin()
             self._let_jump(jump)
             self._durations.update(self._search.memory, self._run)
         return jump is not None
@@ -193,17 +194,26 @@ class RunEvents:
             found = self._advance(end)
             if not run.stepper.status.ok:
                 break
-            changed = bool(found) and self._act(found)
-            self._note_released(self._resting.release_pulled())
-            self._restarts_next = self._restarts_next or any(event.restarts for event in found)
-            self._restart(end)
+            changed = self._act_on(found)
             sampled = self._sample() if not self.ended else False
             if sampled:
-                self._note_released(self._resting.release_pulled())
+                changed = self._act_on(self._watched(self._search.find_jumped())) or changed
+            self._restart(end)
             if run.stepper.t >= end and not found and not sampled:
                 break
             if changed:
                 code = SEQUENCE.begin_step(run, end)
+
+    def _act_on(self, found: list[Event]) -> bool:
+        """Execute these events, and release stops that would pull; return whether an input or a parameter was set."""
+        changed = bool(found) and self._act(found)
+        self._note_released(self._resting.release_pulled())
+        self._restarts_next = self._restarts_next or any(event.restarts for event in found)
+        return changed
+
+    def _watched(self, crossed: list[int]) -> list[Event]:
+        """Return the events that occur where these sensors cross their values, in the order of their declaration."""
+        return [event for event in (self._watching[k] for k in crossed) if not event.lasts]
 
     def _restart(self, end: float) -> None:
         """Restart the solver if an event requires it, before the next step: after a communication point in the next
@@ -225,7 +235,7 @@ class RunEvents:
             stepper = run.stepper
         else:
             crossed = self._search.advance(due)
-        found = [event for event in (self._watching[k] for k in crossed) if not event.lasts]
+        found = self._watched(crossed)
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
         if stepper.status.ok and timed and stepper.t >= timed[0].time - slack:

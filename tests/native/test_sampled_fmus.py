@@ -17,13 +17,13 @@ from mbfmu.fmi.export import export
 
 pytestmark = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="needs a C compiler")
 SETTINGS = mb.Settings(solver="adams", tolerance=1e-9)
-MASS, DAMPING, TARGET, INTEGRAL = 2.0, 5.0, 1.5, 30.0
+MASS, DAMPING, TARGET, INTEGRAL, TRIP = 2.0, 5.0, 1.5, 30.0, 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cart(mb.Model):
-    """A damped cart whose speed a PI controller in discrete time controls; its measurement is quantized, and a signal
-    of its speed is delayed.
+    """A damped cart whose speed a PI controller in discrete time controls; its measurement is quantized and has an
+    event, and a signal of its speed is delayed.
     """
 
     name = "sampled_cart"
@@ -47,6 +47,9 @@ class Cart(mb.Model):
         m.output("rounded", rounded.value())
         late = m.delay("late", cart.rate(), delay=self.delay, samples=40, degree=2)
         m.output("late", late.value())
+        tripped = mb.Input(name="tripped", unit="1", start=0.0)
+        m.event("trip", rounded, crosses=TRIP, direction="up", then=mb.SetInput("tripped", 1.0))
+        m.output("is_tripped", m.expression("u", uses={"u": tripped}))
         return m
 
 
@@ -87,7 +90,12 @@ def test_samples_within_communication_steps(path: Path, kind: str, values: dict[
     np.testing.assert_allclose(found["rate"], rate, rtol=0.0, atol=2e-6)
     np.testing.assert_allclose(found["force"], force, rtol=0.0, atol=5e-5)
     sampled, _ = expected(0.1 * np.floor(found["time"] / 0.1 + 1e-9), **recursion)
-    np.testing.assert_allclose(found["rounded"], 0.25 * np.floor(sampled / 0.25 + 0.5), rtol=0.0, atol=1e-12)
+    rounded = 0.25 * np.floor(sampled / 0.25 + 0.5)
+    np.testing.assert_allclose(found["rounded"], rounded, rtol=0.0, atol=1e-12)
+    is_beyond = rounded > TRIP
+    assert is_beyond.any()
+    assert not is_beyond[:4].any()
+    np.testing.assert_array_equal(found["is_tripped"], np.maximum.accumulate(is_beyond))  # from the first sample on
 
 
 def test_steps_with_samples_are_repeated(path: Path) -> None:

@@ -31,6 +31,7 @@ from .event_points import (
     begin_search,
     begin_step,
     choose_crossing,
+    clear_found,
     code_of,
     copy_point,
     count_sensors,
@@ -95,6 +96,7 @@ class Search(NamedTuple):
     step: Callable[..., int]  # (run, end, longest) -> code: as ``advance``, by at most one step
     advance: Callable[..., int]  # (run, end) -> code: advance to the first crossing before or at ``end``, s, or to it
     has_found: Callable[..., bool]  # (run): whether the last advance has ended at a crossing
+    find_jumped: Callable[..., bool]  # (run): whether a jump of the reported state since ``begin`` is a crossing
 
 
 def _unchanged(function: F) -> F:
@@ -246,4 +248,9 @@ def search_of(actions: StepActions, compiled: Callable[[F], F] = _unchanged) -> 
             taken += 1
         return OK
 
-    return Search(begin_at_state, step_once, advance, has_found)
+    def find_jumped(run: Any) -> bool:
+        evaluate(run, HERE)
+        clear_found(run.search)
+        return bool(mark_crossed(run.search))
+
+    return Search(begin_at_state, step_once, advance, has_found, find_jumped)
