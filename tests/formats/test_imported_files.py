@@ -84,7 +84,7 @@ def test_written_code_is_the_model_and_needs_no_mujoco(
     code, _, err = command("import", str(arm), "-o", str(tmp_path / "other.py"))
     assert code == 2
     assert "pip install 'mbfmu[import]'" in err
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.urdf", "robot.py"]
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["arm.urdf", "robot.py"]
 
 
 def test_code_is_short_and_equal_up_to_rounding() -> None:
