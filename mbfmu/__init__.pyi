@@ -88,7 +88,7 @@ from .mechanics import (
 from .modeling import Model, find, models, parameter
 from .modeling.settings import Settings
 from .modeling.table_files import read_table
-from .session.events import EventRecord
+from .session.event_record import EventRecord
 from .session.result import Result
 from .session.run import simulate
 from .session.simulation import Simulation

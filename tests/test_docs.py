@@ -71,15 +71,20 @@ def test_the_citation_has_the_version() -> None:
     assert version == mbfmu.__version__
 
 
+def write_and_export(text: str) -> None:
+    """Write the files of a page to the present folder, and execute its exports."""
+    for name, block in re.findall(r"```python file=(\S+)\n(.*?)```", text, flags=re.DOTALL):
+        Path(name).write_text(block)
+    for export in re.findall(r"^mbfmu export .*", text, re.MULTILINE):
+        assert main(shlex.split(export)[1:]) == 0
+
+
 def test_the_example_with_fmpy_prints_what_its_comments_state(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "examples/fmpy.md").read_text()
-    for name, block in re.findall(r"```python file=(\S+)\n(.*?)```", text, flags=re.DOTALL):
-        Path(name).write_text(block)
-    for export in re.findall(r"^mbfmu export .*", text, re.MULTILINE):
-        assert main(shlex.split(export)[1:]) == 0
+    write_and_export(text)
     names: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
         capsys.readouterr()
@@ -92,10 +97,7 @@ def test_the_example_with_fmpy_prints_what_its_comments_state(
 def test_the_tour_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "tour.md").read_text()
-    for name, block in re.findall(r"```python file=(\S+)\n(.*?)```", text, flags=re.DOTALL):
-        Path(name).write_text(block)
-    for export in re.findall(r"^mbfmu export .*", text, re.MULTILINE):
-        assert main(shlex.split(export)[1:]) == 0
+    write_and_export(text)
     capsys.readouterr()
     for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
         exec(compile(block, "docs/tour.md", "exec"), {})

@@ -121,9 +121,9 @@ def record_events(events: EventMemory, resting: RestingMemory, t: float, duratio
     shortest, control = MIN_EVENTS_TIME_RATIO * duration, events.control[0]
     for row in range(events.actions.shape[0]):
         action = events.actions[row]
-        if events.due[action.event] == 0 or action.kind != BOUNCE or (holds and resting.locks[action.place] >= 0):
+        if events.due[action.event] == 0 or action.kind != BOUNCE:
             continue
-        times, is_short = events.bounces[action.place], True
+        times, is_short = events.bounces[action.place], not (holds and resting.locks[action.place] >= 0)
         for i in range(RESTING_BOUNCES):
             times[i] = times[i + 1]
         times[RESTING_BOUNCES] = t

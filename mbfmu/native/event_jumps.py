@@ -325,6 +325,22 @@ def jump_kernels(jumps: Jumps) -> JumpKernels:
     return JumpKernels(fill_responses, bounce, push, lock, adapt)
 
 
+def continuation_of(adapt: Any, restart: Any) -> Any:
+    """Return a kernel (instance, event): continue with other locks, which the event has changed.
+
+    ``adapt`` is that of :class:`JumpKernels`, ``restart`` (instance) restarts the solver.
+    """
+
+    @jit_uncached
+    def continue_with_other_locks(instance: Any, event: int) -> None:
+        failure = adapt(instance)
+        if failure != NO_FAILURE:
+            stop_by_event(instance.events, event, failure)
+        restart(instance)
+
+    return continue_with_other_locks
+
+
 DENSE_JUMPS = Jumps(prepare_dense, respond_dense)
 TREE_JUMPS = Jumps(prepare_tree, respond_tree)
 ELIMINATED_JUMPS = Jumps(prepare_eliminated, respond_eliminated)

@@ -27,7 +27,7 @@ from .event_actions import (
     release_sides,
     stop_by_event,
 )
-from .event_jumps import hold_joint, jump_kernels, release_joint
+from .event_jumps import continuation_of, hold_joint, jump_kernels, release_joint
 from .event_memory import (
     EVENT_FAILED,
     IMPULSE,
@@ -62,6 +62,7 @@ def execution_of(
     """Return what happens at the events of a family."""
     jump, restart, jumps = solver.jump, solver.restart, jump_kernels(family.jumps)
     _, bounce, push, lock, adapt = jumps
+    continue_with_other_locks = continuation_of(adapt, restart)
     set_input, begin_search = jit_uncached(sequence.set_input), jit_uncached(search.begin)
 
     @jit_uncached
@@ -82,13 +83,6 @@ def execution_of(
             let_jump(instance)
         else:
             stop_by_event(instance.events, event, failure)
-
-    @jit_uncached
-    def continue_with_other_locks(instance: Any, event: int) -> None:
-        failure = adapt(instance)
-        if failure != NO_FAILURE:
-            stop_by_event(instance.events, event, failure)
-        restart(instance)
 
     @jit_uncached
     def lock_joint(instance: Any, event: int, place: int) -> None:

@@ -20,7 +20,7 @@ from solvers.compiled.kernel import jit_uncached, kernel
 from solvers.outcome import OK
 
 from .event_actions import count_event, fill_approach_rates, solve_impacts, stop_by_event
-from .event_jumps import JumpKernels, fill_effects, hold_joint, release_joint
+from .event_jumps import JumpKernels, continuation_of, fill_effects, hold_joint, release_joint
 from .event_memory import NO_FAILURE
 from .resting_memory import RestingMemory
 from .touched_stops import fill_units, has_hit
@@ -230,14 +230,8 @@ def resting_kernels(
         When stops hold, and when they release.
     """
     shortest_path, least_push = limits
-    lock, adapt, fill_responses = jumps.lock, jumps.adapt, jumps.fill_responses
-
-    @jit_uncached
-    def continue_with_other_locks(instance: Any, event: int) -> None:
-        failure = adapt(instance)
-        if failure != NO_FAILURE:
-            stop_by_event(instance.events, event, failure)
-        restart(instance)
+    lock, fill_responses = jumps.lock, jumps.fill_responses
+    continue_with_other_locks = continuation_of(jumps.adapt, restart)
 
     @jit_uncached
     def hold(instance: Any, k: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isnan
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from solvers.resolution import spacing
 from solvers.system import Array
 
 from .event_durations import Durations
+from .event_record import EventRecord
 from .event_search import CrossingSearch, search_memory
 from .impulses import Impacts, UndeterminedJumpError, velocity_jump
 from .kernels.points import account_discontinuity, check_point, energy_at
@@ -38,30 +39,6 @@ JUMPS = Bounce | Impulse | Lock | Release  # actions that may change velocities
 MIN_EVENTS_TIME_RATIO = 1e-6  # MAX_EVENTS events need at least this part of the duration of the run
 
 Setters = dict[type, Callable[[str, Any], None]]  # by the class of the action: sets a value by its name
-
-
-class EventRecord(NamedTuple):
-    """An event that has occurred.
-
-    Attributes
-    ----------
-    name
-        Name of the event.
-    time
-        Time, s, at which the crossing is located.
-    direction
-        ``"up"`` or ``"down"``; empty: an event of a given time.
-    value
-        Value of its sensor before the actions, in the unit of the sensor; NaN: it has none.
-    after
-        Value of its sensor after the actions of all events of this time.
-    """
-
-    name: str
-    time: float
-    direction: str
-    value: float
-    after: float
 
 
 class RunEvents:

@@ -20,7 +20,7 @@ from mbfmu.util.text_table import format_tolerance
 from solvers import Statistics
 from solvers.system import Array
 
-from .events import EventRecord
+from .event_record import EventRecord
 
 RESULT_FORMAT = 2  # of a saved result; format 1, until version 0.2, had texts in place of diagnostics
 

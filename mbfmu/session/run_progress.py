@@ -15,7 +15,8 @@ from mbfmu.util.errors import UserError
 from solvers import Statistics, Status
 from solvers.outcome import OK
 
-from .events import EventRecord, RunEvents
+from .event_record import EventRecord
+from .events import RunEvents
 from .failure_diagnosis import advise, explain_failure
 from .kernels.points import Session
 from .run_messages import INPUT_JUMP, UNDETERMINED_FORCES, filled
