@@ -170,7 +170,10 @@ def record_bounces_beyond(events: EventMemory, search: EventSearch) -> None:
 @kernel
 def stop_at_rest(events: EventMemory, k: int, event: int) -> None:
     """Stop the run by the event of a sensor that comes to rest at its stop."""
-    events.control[0].within = events.bounces[k, RESTING_BOUNCES] - events.bounces[k, 0]
+    first, times = RESTING_BOUNCES, events.bounces[k]
+    while first > 0 and times[first - 1] > -np.inf:
+        first -= 1
+    events.control[0].within = times[RESTING_BOUNCES] - times[first]
     stop_by_event(events, event, RESTING)
 
 

@@ -101,8 +101,7 @@ TOO_MANY_EVENTS = Diagnostic.error(
 )
 RESTING_BOUNCE = Diagnostic.error(
     "resting-bounce",
-    "event {name!r} comes to rest at its stop at t = {t:.9g} s: its last "
-    f"{RESTING_BOUNCES + 1} bounces are within {{within:.2g}} s",
+    "event {name!r} comes to rest at its stop at t = {t:.9g} s: its last bounces are within {within:.2g} s",
     "A Bounce holds what rests on the stop if its sensor is the coordinate of a joint with one coordinate, or a "
     "position or a distance (in large models with the solvers 'adams' and 'hybrid'), in Python and in FMUs that call "
     "Python. Use such a sensor, an elastic stop, such as JointStop or DistanceStop, or a shorter stop time",
