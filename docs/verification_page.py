@@ -109,8 +109,7 @@ An error of a thousandth of the friction coefficient would be detected. `python 
 number, or with the command that measures a table. `mbfmu verify --claims docs/claims.toml` measures the numbers again
 with the functions, in two minutes. Its exit code is 1 if a statement on accuracy does not hold, or a page no longer
 contains a statement of the list; ratios of computing times that differ are reported. The other statements need the
-command that is listed, which takes minutes to hours. The first measurement of this list corrected the numbers of three
-runs of `ida` at tolerances of 1e-8 and 1e-10.
+command that is listed, which takes minutes to hours.
 
 {claims}
 """
