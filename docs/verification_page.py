@@ -83,25 +83,39 @@ accelerations of the other engine by SciPy (DOP853). All 240 motions were right.
 
 ## Random mechanisms with friction, stops and events
 
-300 random mechanisms were compared with integrations by SciPy (DOP853) from event to event. The reference shares no code with mbfmu: absolute coordinates of all bodies, with
-Lagrange multipliers for joints, drives, locked joints and joints that stick. The mechanisms are planar and spatial trees of one to eight revolute, translational, universal and ball joints, with lengths of
-0.001 to 1000 m and masses of 0.0002 to 5000 kg. 289 have [joint friction](friction.md) (184 of them static friction that is larger than that of sliding, 107 normal forces that oscillate); 226 have rigid or elastic stops; 205 have
-[events](events.md) that set inputs and parameters, apply impulses, lock joints or end the run; 161 have all three.
+300 random mechanisms were compared with integrations by SciPy (DOP853) from event to event. The reference shares no
+code with mbfmu: absolute coordinates of all bodies, with Lagrange multipliers for joints, drives, locked joints and
+joints that stick. The mechanisms are planar and spatial trees of one to eight revolute, translational, universal and
+ball joints, with lengths of 0.001 to 1000 m and masses of 0.0002 to 5000 kg. 289 have [joint friction](friction.md)
+(184 of them static friction that is larger than that of sliding, 107 normal forces that oscillate); 226 have rigid or
+elastic stops; 205 have [events](events.md) that set inputs and parameters, apply impulses, lock joints or end the
+run; 161 have all three.
 
-| friction of the reference | mechanisms | right | refused | wrong | excluded | solvers, tolerance |
-|---|---|---|---|---|---|---|
-| The same elastic bristle, `deflection` of 5e-4 to 5e-3 (rad, or lengths of the mechanism) | 150 | 146 | 0 | 0 | 4 | `radau`, `ida`, `auto`, `adams`, `hybrid`, 1e-8 |
-| Coulomb and Stribeck friction with exact stick, switched by events; `deflection` of 3e-7 to 3e-6 | 150 | 145 | 1 | 0 | 4 | `radau`, `ida`, `auto`, 1e-7 |
+| friction of the reference | `deflection` | tolerance | mechanisms | right | refused | wrong | excluded |
+|---|---|---|---|---|---|---|---|
+| the same elastic bristle | 5e-4 to 5e-3 | 1e-8 | 150 | 146 | 0 | 0 | 4 |
+| Coulomb and Stribeck friction with exact stick | 3e-7 to 3e-6 | 1e-7 | 150 | 145 | 1 | 0 | 4 |
 
-- **Allowed error.** A motion is right if all outputs and the times of all events differ from the reference by at most 100 times the tolerance times the sensitivity. In the second line of the table the error of the bristle is added: three times the change of
-  the motion if each change of the direction of sliding changes the rate by about sqrt(8 c F_N d / m) ([symbols](friction.md)), and five deflections for each of them.
-- **Largest errors.** One motion exceeds the allowed error, by a factor of 1.6. Its error decreases in proportion to sqrt(d), and does not depend on solver and tolerance. It is counted as right, because a tenth of the deflection and of the tolerance reduce it to less than half. All others have at most 0.51 times the allowed error.
-- **Excluded mechanisms.** Motions are compared until the allowed error exceeds a tenth of the range of an output, or a change of the start by 1e-6 gives other events. If this is within the first half of the time, the mechanism is excluded (3).
-  It is also excluded if the reference has more than 300 events (5). Both reasons follow from the reference alone.
+The deflections are in rad, or in lengths of the mechanism. The solvers are `radau`, `ida` and `auto`, in the first
+line also `adams` and `hybrid`.
+
+- **Allowed error.** A motion is right if all outputs and the times of all events differ from the reference by at most
+  100 times the tolerance times the sensitivity. In the second line the error of the bristle is added: three times the
+  change of the motion if each change of the direction of sliding changes the rate by about sqrt(8 c F_N d / m)
+  ([symbols](friction.md)), and five deflections for each of them.
+- **Largest errors.** One motion exceeds the allowed error, by a factor of 1.6. Its error decreases in proportion to
+  sqrt(d), and does not depend on solver and tolerance. It is counted as right, because a tenth of the deflection and
+  of the tolerance reduce it to less than half. All others have at most 0.51 times the allowed error.
+- **Excluded mechanisms.** Motions are compared until the allowed error exceeds a tenth of the range of an output, or
+  a change of the start by 1e-6 gives other events. If this is within the first half of the time, the mechanism is
+  excluded (3). It is also excluded if the reference has more than 300 events (5). Both reasons follow from the
+  reference alone.
 - **Refused.** The mechanism that is refused has a stop for a coordinate that is driven.
-- **Rest at stops.** 28 motions that are right are compared until a body comes to rest at a rigid stop, where the reference ends.
+- **Rest at stops.** 28 motions that are right are compared until a body comes to rest at a rigid stop, where the
+  reference ends.
 
-An error of a thousandth of the friction coefficient would be detected. `python -m tests.switched.campaign` repeats the comparison from a copy of the repository.
+An error of a thousandth of the friction coefficient would be detected. `python -m tests.switched.campaign` repeats
+the comparison from a copy of the repository.
 
 ## Numbers of the documentation
 
