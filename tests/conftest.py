@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,10 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from mbfmu.modeling import Model
     from mbfmu.native.parameters import SettableParameters
+
+# One thread of BLAS for every process of the tests, set before numpy is imported: further threads of several processes
+# occupy the processors while they wait for each other. What `.ci/run` does after the tests has the default number.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The same examples in every run: a new failure means changed code. ``--hypothesis-profile=search`` looks for new ones.
 settings.register_profile("same", max_examples=20, derandomize=True, deadline=None)
