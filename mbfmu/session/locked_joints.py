@@ -2,14 +2,16 @@
 
 The velocities jump so that the rate of the coordinate becomes zero, see :class:`mbfmu.mechanics.events.Lock`. Until the
 next lock or release a new solver integrates the equations of :mod:`mbfmu.mechanics.arrays.joint_locks`. Its energy
-account begins there, so that the energy balance is checked for each of these parts of the run; the energy error that
-is read is the sum over the parts.
+account begins there, so that the energy balance is checked for each of these parts of the run. The energy error that
+is read is the sum over the parts, and the energy throughput is that of the whole run: the range of the kinetic energy
+over all parts, and the sum of the work in either direction.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -19,8 +21,9 @@ from mbfmu.mechanics.events import Lock, Release
 from mbfmu.util.diagnostics import Diagnostic
 from solvers import Statistics
 from solvers.compiled.tuple_pointer import pin, unpin
-from solvers.energy_account import EXCHANGED_ENERGY, WORK
+from solvers.energy_account import EXCHANGED_ENERGY, KINETIC_MAX, WORK
 from solvers.stepper import Stepper
+from solvers.steppers.energy_records import kinetic_min
 from solvers.system import Array
 
 from .impulses import LOCK_PIVOT_RATIO, UndeterminedJumpError, velocity_jump
@@ -63,7 +66,7 @@ class LockedJoints:
         self._is_checked = bool(self._balance["is_checked"])
         # time, positions and velocities, of locked joints too, where the present solver has started
         self._begin = run.stepper.t, run.stepper.q, run.stepper.v
-        self._energies = np.zeros(2)  # J, energy error and exchanged energy of the parts before
+        self._energies = np.array([0.0, 0.0, -inf, inf])  # of the parts before, see _energies_so_far
         self._counts = Statistics()  # of the solvers before
 
     @property
@@ -136,7 +139,7 @@ class LockedJoints:
         before = energy_at(session, t, run.q, run.v)
         if self._balance["is_checked"]:
             error = before - self._balance["reference_energy"] - run.energy_account[WORK]
-            self._energies += error, run.energy_account[EXCHANGED_ENERGY]
+            self._energies = self._energies_so_far(error)
         self._counts = added(self._counts, old.statistics)
         for diagnostic in old.diagnostics:
             self._note(diagnostic)
@@ -168,7 +171,19 @@ class LockedJoints:
     def add_energies(self, out: Array) -> None:
         """Add the energies of earlier parts to the energies that the outputs end in, J."""
         if self._is_checked and self._compiled.locks.can_lock:
-            out[-2:] = self._energies + (out[-2:] if self._balance["is_checked"] else 0.0)
+            is_checked = self._balance["is_checked"]
+            error, work, largest, smallest = self._energies_so_far(out[-2]) if is_checked else self._energies
+            out[-2:] = error, work + max(0.0, largest - smallest)
+
+    def _energies_so_far(self, error: float) -> Array:
+        """Return the energy error, the total variation of the work, and the largest and smallest kinetic energy, J, of
+        all parts until now; ``error`` is the energy error of the present part.
+        """
+        account, smallest = self._run.energy_account, kinetic_min(self._run.stepper)
+        before, largest = self._energies, account[KINETIC_MAX]
+        # nothing has been done before the first evaluation
+        work = 0.0 if smallest == inf else account[EXCHANGED_ENERGY] - (largest - smallest)
+        return np.array([before[0] + error, before[1] + work, max(before[2], largest), min(before[3], smallest)])
 
     def statistics(self) -> Statistics:
         """Return the counters of all solvers so far."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,13 +99,25 @@ def check(rows: Any, close: float = 0.52, error: float = 3e-6) -> None:
 @pytest.fixture(scope="module", params=[1, 70])
 def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = Clutches(weights=request.param)
-    return export(model, tmp_path_factory.mktemp("locks") / "clutches.fmu", SETTINGS, native=True)
+    return export(model, tmp_path_factory.mktemp(f"locks{request.param}") / "clutches.fmu", SETTINGS, native=True)
 
 
 @pytest.mark.parametrize("close", [0.52, 0.3])
 def test_locks_within_communication_steps(path: Path, close: float) -> None:
     arguments = {"output": NAMES, "start_values": {"close": close}, "fmi_type": "CoSimulation"}
     check(simulate_fmu(str(path), stop_time=2.0, output_interval=0.1, **arguments), close)
+
+
+def test_energy_throughput_is_that_of_a_run_in_python(path: Path) -> None:
+    """Both examine the kinetic energy at the ends of some of their steps, which may be later than the events."""
+    weights = 70 if path.parent.name.startswith("locks70") else 1
+    simulation = mb.Simulation(Clutches(weights=weights), replace(SETTINGS, max_step=1e-3))
+    with Fmu(path, {"max_step": 1e-3}) as fmu:
+        for t in (0.5, 0.9, 1.5, 2.0):
+            fmu.step(t - fmu.t)
+            assert simulation.advance(t).ok
+            assert fmu["energy_throughput"] == pytest.approx(simulation.outputs()[-1], rel=5e-3)
+            assert not fmu.message()
 
 
 def check_saved_state(path: Path, error: float) -> None:
