@@ -1,6 +1,7 @@
 """Inputs that signals replace: by ``Model.with_inputs`` and by ``--input`` of the commands."""
 
 import pickle
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -276,3 +277,36 @@ def test_the_command_does_not_miss_a_pulse(tmp_path: Path) -> None:
     assert main(["-q", "run", f"{__file__}:Cart", "--solver", "ida", *given, "-o", str(tmp_path)]) == 0
     (path,) = tmp_path.rglob("result.npz")
     assert mb.Result.load(path)["x"][-1] == pytest.approx(np.sqrt(np.pi) * (10.0 - 5.2), rel=1e-5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Road(mb.Model):
+    """A wheel on a road, whose height is an input."""
+
+    stop_time = 3.0
+
+    def build(self) -> mb.Mechanism:
+        """Return the mechanism."""
+        m = mb.Mechanism()
+        road = m.body("road", m.ground, mb.Translational(axis="z", drive=mb.Input(name="height", unit="m")))
+        wheel = m.body("wheel", road, mb.Translational(axis="z"), mass=1.0)
+        m.force("tire", mb.JointSpring(stiffness=100.0), wheel)
+        m.output("z", wheel.position("z"))
+        return m
+
+
+@pytest.mark.parametrize("command", ["run", "check", "view", "export", "compare"])
+def test_commands_refuse_functions_that_no_joint_can_follow(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    """The accelerations are infinite where the motion or its rate jumps: only `run` gave a warning."""
+    for height in ("abs(t-1)", "1 if t>1 else 0", "max(0,t-2.9)"):
+        assert main([command, f"{__file__}:Road", "--input", f"height={height}"]) == 2
+        error = capsys.readouterr().err
+        assert re.search(r"input 'height', which moves a joint, cannot be replaced by .* jumps at t = ", error)
+
+
+def test_studies_refuse_functions_that_no_joint_can_follow() -> None:
+    """A smooth function is allowed."""
+    content: dict[str, object] = {"scene": Road(), "measure": {"z": "end z"}, "vary": {"tolerance": [1e-6]}}
+    define(content | {"inputs": {"height": "0.1*sin(t)"}})
+    with pytest.raises(mb.UserError, match=r"input 'height', which moves a joint, .*its rate jumps at t = 2 s"):
+        define(content | {"inputs": {"height": "abs(t-2)"}})

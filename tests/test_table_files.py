@@ -44,6 +44,16 @@ def test_units_of_the_header_are_converted_and_the_interpolation_is_chosen(tmp_p
     assert np.allclose(mb.read_table(path, "angle").y, np.deg2rad(HEIGHTS), rtol=1e-15)
 
 
+@pytest.mark.parametrize("header", ["time (ms),force [N]", "time [s],force (kN)", "time [s],force(lbf),left"])
+def test_units_in_round_brackets_are_refused(tmp_path: Path, header: str) -> None:
+    """They were part of the name, so that the values were not converted; an index in a name is allowed."""
+    rows = "\n".join(",".join("01"[k] for _ in header.split(",")) for k in range(2))
+    with pytest.raises(mb.UserError, match=r"road.csv': the name of a column is '.*\)'; allowed: units in square"):
+        mb.read_table(written(tmp_path, f"{header}\n{rows}"))
+    table = mb.read_table(written(tmp_path, "time [s],stress(12),angle (0)\n0,0,0\n1,5,0"), "stress(12)")
+    assert np.array_equal(table.y, [0.0, 5.0])
+
+
 def test_outputs_of_a_run_are_read_again(tmp_path: Path) -> None:
     outputs = (Variable("arm.angle", "rad", "Angle"),)
     result = mb.Result(

@@ -14,7 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 from mbfmu.modeling.parameters import Parameter, declared
-from mbfmu.modeling.replaced_inputs import check_end, describe, read_value
+from mbfmu.modeling.replaced_inputs import check_run, describe, read_value
 from mbfmu.modeling.scene import SETTING_NAMES, Scene, load_scene
 from mbfmu.modeling.settings import Settings, offered_solvers
 from mbfmu.session.run import check_interval
@@ -205,7 +205,7 @@ def scene_of(options: argparse.Namespace) -> Scene:
     if given:
         values = {name: read_value(name, text) for name, text in given.items()}
         changed = changed.changed(model=changed.model.with_inputs(values))
-    check_end(changed.model.replaced_inputs, changed.stop_time)
+    check_run(changed.model, changed.stop_time, changed.settings.tolerance)
     if getattr(options, "interval", None) is not None:
         check_interval(changed.stop_time, changed.output_interval)
     return changed

@@ -17,7 +17,7 @@ import mbfmu
 from mbfmu.mechanics import Mechanism
 from mbfmu.modeling.model import Model, as_model
 from mbfmu.modeling.parameters import check, declared
-from mbfmu.modeling.replaced_inputs import check_end, describe, read_entry
+from mbfmu.modeling.replaced_inputs import check_run, describe, read_entry
 from mbfmu.modeling.scene import Scene, check_times, default_scene, load_scene
 from mbfmu.modeling.settings import Settings
 from mbfmu.modeling.variables import ENERGY_OUTPUTS
@@ -110,7 +110,7 @@ class ModelTarget:
         if parameter is not None:
             return check(model.name, parameter, value)
         if name == STOP_TIME_KEY:
-            check_end(model.replaced_inputs, value)
+            check_run(model, value, self.scene.settings.tolerance)
             return self.scene.changed(stop_time=value).stop_time
         if name in asdict(self.scene.settings):
             return getattr(self.scene.changed(**{name: value}).settings, name)
@@ -222,7 +222,7 @@ def make_target(
     if inputs:
         values = {name: read_entry(name, value, Path()) for name, value in inputs.items()}
         scene = scene.changed(model=scene.model.with_inputs(values))
-    check_end(scene.model.replaced_inputs, scene.stop_time)
+    check_run(scene.model, scene.stop_time, scene.settings.tolerance)
     return ModelTarget(scene) if runs == "simulation" else exported(scene, runs == "native")
 
 

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
@@ -20,10 +20,14 @@ from mbfmu.util.errors import UserError, short
 
 from .table_files import PARQUET_SUFFIXES, read_column
 
+if TYPE_CHECKING:
+    from .model import Model
+
 ALLOWED = (
     "a finite number, an expression of the time t, a function of time, a pair (times, values) of two sequences, a "
     "Table, or another signal without inputs"
 )
+N_TIMES = 501  # of a run, at which the approximation of a function begins
 FILE_PATTERN = re.compile(rf"(.+(?:{'|'.join(map(re.escape, ('.csv', *PARQUET_SUFFIXES)))}))(?::(.+))?", re.IGNORECASE)
 
 
@@ -148,6 +152,29 @@ def check_end(signals: Mapping[str, Signal], stop_time: float) -> None:
                     f"input {name!r} is given from {first:g} to {last:g} s, but the run is from 0 to {stop_time:g} s; "
                     "give a table for the whole run, or a stop time within the table"
                 )
+
+
+def check_run(model: Model, stop_time: float, tolerance: float) -> None:
+    """Refuse signals that cannot replace inputs over a run with this end, s; raises UserError.
+
+    They are tables that do not cover the run, and functions that move a joint and jump, or whose rates jump.
+    """
+    signals = model.replaced_inputs
+    check_end(signals, stop_time)
+    functions = {name: signal.law for name, signal in signals.items() if is_approximated(signal)}
+    given = given_for(signals)
+    if given is None or not functions:
+        return
+    model.compile(given)
+    laws = {name: functions[name] for name in given.driving if name in functions}
+    over_run = GivenInputs({**signals, **laws}, {}, np.linspace(0.0, stop_time, N_TIMES), tolerance)
+    if laws:
+        model.compile(over_run)
+    for held in over_run.held:
+        raise UserError(
+            f"input {held.name!r}, which moves a joint, cannot be replaced by {short(laws.get(held.name))}: {held.held}"
+            "; allowed: a motion whose rate does not jump. Give another function, or points in a file"
+        )
 
 
 def describe(signals: Mapping[str, Signal]) -> list[str]:

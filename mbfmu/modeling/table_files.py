@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 PARQUET_SUFFIXES = (".parquet", ".pq")
 HEADER_EXAMPLE = "time [s],road.height [mm]"
 MIN_ROWS = 2
+PARENTHESIZED_UNIT = re.compile(r"\(([^()]*[^()\d\s][^()]*)\)$")  # not an index, as in stress(12)
 
 
 class Column(NamedTuple):
@@ -122,6 +124,11 @@ def _names_and_units(header: Sequence[str], what: str) -> tuple[list[str], list[
     """Return names and units of columns such as ``height [mm]``."""
     names, units = [], []
     for cell in header:
+        if match := PARENTHESIZED_UNIT.search(cell.strip()):
+            raise UserError(
+                f"{what}: the name of a column is {cell.strip()!r}; allowed: units in square brackets, such as "
+                f"'road.height [mm]'. Write [{match[1]}] if this is a unit, or rename the column"
+            )
         name, bracket, unit = cell.strip().partition("[")
         if bracket and not unit.endswith("]"):
             raise UserError(f"{what}: the name of a column is {cell!r}; allowed: such as 'road.height [mm]'")

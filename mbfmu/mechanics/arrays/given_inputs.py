@@ -277,6 +277,11 @@ class GivenInputs:
         return [name for name, given_input in self.by_name.items() if not given_input.used]
 
     @property
+    def driving(self) -> list[str]:
+        """Names of those that move joints."""
+        return [name for name, drive in self._made if drive]
+
+    @property
     def held(self) -> list[GivenInput]:
         """Those that have to be set at every output."""
         return [given_input for given_input in self.by_name.values() if given_input.held]
