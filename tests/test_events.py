@@ -303,6 +303,16 @@ def test_an_event_at_the_start_occurs_before_the_first_output():
     assert result.t.tolist() == [0.0]
 
 
+def test_events_long_before_the_next_output_are_separate():
+    """The spacing of floating-point numbers at the end, 1e15 s, is larger than the time between the two events."""
+    m, body = ball(rate=0.0)
+    m.event("throw", at=1.0, then=mb.Impulse(body, 3.0))
+    m.event("end", at=1.1, then=mb.EndRun())
+    result = mb.simulate(m, 1e15, interval=1e15, solver="adams", tolerance=1e-8)
+    assert (times(result, "throw"), times(result, "end")) == ([1.0], [1.1])
+    assert result["rate"][-1] == pytest.approx(3.0 - G * 1.1, abs=1e-7)
+
+
 def test_events_before_the_start_of_a_run_are_reported():
     m, body = ball(rate=0.0)
     m.event("throw", at=0.5, then=mb.Impulse(body, 3.0))

@@ -231,10 +231,10 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
     restart_in_steps = restart_of(family, solver, search)
 
     @jit_uncached
-    def advance_to_event(instance: Any, end: float, slack: float) -> int:
+    def advance_to_event(instance: Any, end: float) -> int:
         """Advance to the next event or sample before ``end`` (s), or to it."""
         due = min(next_event_time(instance.events), next_sample_time(instance.sampled))
-        code: int = advance(instance, due if due < end - slack else end)
+        code: int = advance(instance, due if due < end - EQUAL_TIME_SPACINGS * spacing(end) else end)
         account = instance.energy_account
         check_point(instance.session, instance.clock[0], instance.q, instance.v, account, False)
         if code == OK:
@@ -265,7 +265,7 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
 
         After PARAMETER_CODE the step continues when it is called again.
         """
-        control, slack = instance.events.control[0], EQUAL_TIME_SPACINGS * spacing(end)
+        control = instance.events.control[0]
         is_interrupted, is_jumped = control.row != NO_ROW, False
         code: int = OK
         if control.ended == 0 and not is_interrupted:
@@ -276,11 +276,13 @@ def event_entries(family: Any, solver: SolverActions, sequence: Sequence) -> dic
                 if control.restarts == 1 and instance.clock[0] < end:
                     control.restarts = 0
                     restart_in_steps(instance, end)
-                code = advance_to_event(instance, end, slack)
+                code = advance_to_event(instance, end)
                 control.changed = 0
             if code != OK:
                 break
-            is_event = is_interrupted or collect_due(instance.events, instance.search, instance.clock[0], slack)
+            t = instance.clock[0]
+            slack = EQUAL_TIME_SPACINGS * spacing(t)
+            is_event = is_interrupted or collect_due(instance.events, instance.search, t, slack)
             is_interrupted = False
             code = act(instance) if is_event else OK
             code = release(instance) if code == OK else code

@@ -203,16 +203,16 @@ class RunEvents:
     def _advance(self, end: float) -> list[Event]:
         """Advance to the next event or to ``end``, s; return the events there."""
         run, timed = self._run, self._timed[self._next_timed :]
-        stepper, slack = run.stepper, EQUAL_TIME_SPACINGS * spacing(end)
+        stepper = run.stepper
         first = min(timed[0].time if timed else np.inf, self._samples.next_time(), self._durations.next_time())
-        due = first if first < end - slack else end
+        due = first if first < end - EQUAL_TIME_SPACINGS * spacing(end) else end
         if self._resting.held:
             crossed, released = self._resting.advance(due)
             self._note_released(released)
             stepper = run.stepper
         else:
             crossed = self._search.advance(due)
-        found = self._watched(crossed)
+        found, slack = self._watched(crossed), EQUAL_TIME_SPACINGS * spacing(stepper.t)
         state = stepper.t, run.q, run.v, run.energy_account
         check_point(run.session, *state, False)
         if stepper.status.ok and timed and stepper.t >= timed[0].time - slack:

@@ -167,6 +167,20 @@ def test_a_step_beyond_the_end_of_the_run_stops_at_its_event(path: Path) -> None
         check(rows_at(fmu, 1.4))
 
 
+def test_a_step_that_is_much_longer_than_the_run_has_events_at_their_times(path: Path) -> None:
+    """The impulse is not executed at a bounce before it: the spacing of floating-point numbers at 1e16 s is 2 s."""
+    with Fmu(path, {"hit": 1.2}) as fmu:
+        with pytest.raises(FMICallException):
+            fmu.slave.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e16)
+        end = fmu.slave.getRealStatus(fmi2LastSuccessfulTime)
+        assert end == pytest.approx(1.5, abs=1e-7)
+        check(rows_at(fmu, end), hit=1.2)
+        turned = fmu["bend"]
+    with Fmu(path, {"hit": 1.2}) as fmu:
+        fmu.step(end)
+        assert fmu["bend"] == pytest.approx(turned, abs=1e-7)
+
+
 @pytest.fixture(scope="module")
 def fmi3_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export(Yard(), tmp_path_factory.mktemp("events3") / "yard3.fmu", SETTINGS, native=True, fmi=3)
