@@ -151,18 +151,18 @@ def test_groups_are_blocks_that_form_a_tree(links: int, chains: int) -> None:
         assert parents in (own, groups.inward[own])
 
 
-def clamped(stiffness: float) -> Mechanism:
+def clamped(stiffness: float, grid: tuple[int, int] = (9, 7)) -> Mechanism:
     m = Mechanism(gravity=(0.0, -9.81, 0.0))
     add_sheet(
         m, "sheet", length=0.3, width=0.2, thickness=1e-3, youngs_modulus=stiffness, density=900.0,
-        grid=(9, 7), supports=[Support("x1")], membrane=True,
+        grid=grid, supports=[Support("x1")], membrane=True,
     )  # fmt: skip
     return m
 
 
 def test_numbers_out_of_all_proportion_end_in_a_message() -> None:
-    with pytest.raises(EquilibriumError), np.errstate(all="ignore"):
-        _ = build_problem(as_model(clamped(1e-300))).solve().stability
+    with pytest.raises(EquilibriumError, match="nothing resists a motion"), np.errstate(all="ignore"):
+        build_problem(as_model(clamped(1e-300, (6, 5)))).solve()
 
 
 def test_the_stiffest_sheet_bends_in_proportion() -> None:
