@@ -60,7 +60,7 @@ from .event_memory import (
 from .exchange_memory import NEXT_EVENT, pack_states
 from .exchange_times import begin_evaluation
 from .resting_memory import RestingMemory
-from .resting_stops import HoldingLimits, holds_any, place_at_stops, resting_kernels, would_pull
+from .resting_stops import HoldingLimits, holds_any, placing_of, resting_kernels, would_pull
 from .sampled_blocks import begin_samples, fill_sample_jump, next_sample_time
 from .touched_stops import begin_impacts, begin_second_impact, may_change_velocities
 
@@ -163,6 +163,7 @@ def event_exchange_entries(family: Any, formulation: Any, update: Callable[..., 
             v[i] += instance.dv[i]
         account_discontinuity(session, before, t, q, v)
 
+    place_at_stops = placing_of(push)
     resting = resting_kernels(family.evaluate, do_not_restart, jumps, let_jump, LIMITS)
     release_rested, release_pulled, hold_at_start, hold_pushed, fill_forces, _ = resting
 

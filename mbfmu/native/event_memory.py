@@ -249,8 +249,7 @@ def memory_of(compiled: CompiledMechanism) -> EventMemory:
             row["place"] = locked.index(action.joint.index) if action.joint.index in locked else NEVER_LOCKED
     own_events = event_numbers(compiled.mechanism), sensed, timed, len(events)
     units = [event.sensor.unit for event in events if event.sensor is not None]
-    turns = any(isinstance(action, Lock | Impulse) for event in events for action in event.actions)
-    nominals = np.array([compiled.nominal(unit) for unit in units] if turns else np.zeros(len(units)))
+    nominals = np.array([compiled.nominal(unit) for unit in units])
     ways = [event.direction for event in events if event.sensor is not None]
     return EventMemory.allocate(actions, locks, *own_events, nominals, ways, len(tuned), (system.nq, system.n))
 

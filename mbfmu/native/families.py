@@ -54,6 +54,7 @@ from solvers.system import Equations, Terms, TreeEquations
 from . import eliminated, locked_tangent
 from .closing import close_positions, close_velocities
 from .event_jumps import DENSE_JUMPS, ELIMINATED_JUMPS, TREE_JUMPS, Jumps, renew_tangent
+from .exchange_dense import forget_branch
 from .locked_tangent import LOCKABLE_TANGENT_KERNELS, empty_lockable_tangent, tree_tangent
 from .solver_steps import ADAMS_STEPS, IDA_STEPS, ONE_STEP_STEPS, StepKernels
 from .start_checks import NO_BRANCH, mark_free_rates
@@ -171,6 +172,7 @@ def assemble_tree(instance: Any, t: float) -> int:
 def project_and_scale(instance: Any, t: float) -> tuple[int, int]:
     """Close the reported state, and find units and paces there; return how it was closed, and the rank."""
     problem = instance.given
+    forget_branch(instance)
     position_sizes(instance.positions, problem.work.size, problem.work.size_q)
     rank = find_normal_rank(problem.eqs, t, problem.q, problem.v, problem.work)
     code = project(problem.eqs, t, problem.q, problem.v, rank, problem.work)

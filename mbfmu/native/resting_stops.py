@@ -163,21 +163,6 @@ def choose_pushed(instance: Any) -> None:
 
 
 @kernel
-def place_at_stops(instance: Any) -> None:
-    """Let coordinates that have hit stops be exactly there, if they are there within the tolerance: importing tools
-    locate impacts to their own accuracy.
-    """
-    events, resting, search = instance.events, instance.resting, instance.search
-    fill_approach_rates(instance, instance.v, events.rates)
-    for k in range(resting.locks.shape[0]):
-        if resting.locks[k] >= 0 and events.due[events.sensed[k]] == 1:
-            off = abs(search.values[k] - search.crossed[k])
-            if off <= place_resolution(instance, k, 1.0) + search.bands[k]:
-                instance.q[events.locks[resting.locks[k]].position] = search.crossed[k]
-                events.beyond[k] = 0
-
-
-@kernel
 def would_pull(resting: RestingMemory, least_push: float) -> bool:
     """Whether the force of a stop that holds is less than ``least_push``, by the forces that were filled last."""
     is_any = False
@@ -193,6 +178,40 @@ def count_released(instance: Any) -> None:
     for k in range(instance.resting.chosen.shape[0]):
         if instance.resting.chosen[k] == 1:
             count_event(events, instance.resting, events.sensed[k], instance.clock[0], duration, True)
+
+
+def placing_of(push: Any) -> Any:
+    """Return a kernel (instance) that moves coordinates that have hit stops exactly there, if they are there within the
+    tolerance: importing tools locate impacts to their own accuracy.
+
+    In models with constraints the other coordinates move with them, as by an impulse ``push`` on the coordinate: what
+    the constraints require of positions is kept up to the square of this distance.
+    """
+
+    @jit_uncached
+    def place(instance: Any, k: int) -> None:
+        own, dv = instance.events.locks[instance.resting.locks[k]], instance.dv
+        gap = instance.search.crossed[k] - instance.search.values[k]
+        if instance.lam.shape[0] == 0:
+            instance.q[own.position] = instance.search.crossed[k]
+        elif push(instance, own.velocity, 1.0) == NO_FAILURE and dv[own.velocity] > 0.0:
+            factor = gap / dv[own.velocity]
+            for i in range(dv.shape[0]):
+                dv[i] *= factor
+            instance.eqs.retract(instance.q, dv, instance.eqs.data)
+
+    @jit_uncached
+    def place_at_stops(instance: Any) -> None:
+        events, resting, search = instance.events, instance.resting, instance.search
+        for k in range(resting.locks.shape[0]):
+            if resting.locks[k] >= 0 and events.due[events.sensed[k]] == 1:
+                fill_approach_rates(instance, instance.v, events.rates)
+                off = abs(search.values[k] - search.crossed[k])
+                if off <= place_resolution(instance, k, 1.0) + search.bands[k]:
+                    place(instance, k)
+                    events.beyond[k] = 0
+
+    return place_at_stops
 
 
 def advance_of(actions: StepActions, search: Search, least_force: Any) -> Any:
