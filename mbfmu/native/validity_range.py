@@ -2,7 +2,7 @@
 
 A build may branch farther out, such as on a stiffness that it limits, and where one parameter is larger than another.
 So the fits are compared where each parameter is at an end alone, and where every two of them are at each pair of their
-ends. Each one is tried alone up to six decades away, too.
+ends. Each one is tried alone up to six decades away, too, and down to six decades where zero is not possible.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .parameter_dependence import ParameterDependence
 
 FAR_FACTORS = (1e3, 1e6)  # times the center
+NEAR_ZERO_FACTORS = (1e-3, 1e-6)  # times the center, where zero itself is another model
 FAR_FIT_TOLERANCE = 1e-6  # error of a fit so far out, where sines of large angles and sums are of few digits
 MAX_CORNER_HALVINGS = 6  # of the way from the center to an end, where a corner fails
 
@@ -48,6 +49,8 @@ def extend_range(dependence: ParameterDependence) -> None:
         for side in (0, 1):
             if dependence.may_extend[n][side]:
                 dependence.may_extend[n][side] = _agrees_far(dependence, n, side)
+            elif dependence.ends[n][side] == last_before_zero(steps[n][side]):
+                _approach_zero(dependence, n, side)
 
 
 def outward(p: Parameter, center: float, ends: list[float]) -> tuple[list[float], list[float]]:
@@ -57,6 +60,12 @@ def outward(p: Parameter, center: float, ends: list[float]) -> tuple[list[float]
     below = sorted((x for x in {*both[0], p.min} if isfinite(x) and p.min <= x < ends[0]), reverse=True)
     above = sorted(x for x in {*both[1], p.max} if isfinite(x) and ends[1] < x <= p.max)
     return below, above
+
+
+def last_before_zero(steps: list[float]) -> float | None:
+    """Return the value after which zero was tried; None: there is none."""
+    k = steps.index(0.0) if 0.0 in steps else 0
+    return steps[k - 1] if k else None
 
 
 def _comparisons(dependence: ParameterDependence) -> list[dict[str, int]]:
@@ -106,6 +115,17 @@ def _agrees_far(dependence: ParameterDependence, name: str, side: int) -> bool:
     points = (c * k for c in (-center, center) for k in FAR_FACTORS)
     out = [x for x in points if p.min <= x <= p.max and (x > end if side else x < end)]
     return not any(dependence.compare_at({**dependence.at_center(), name: x}, FAR_FIT_TOLERANCE)[0] for x in out)
+
+
+def _approach_zero(dependence: ParameterDependence, name: str, side: int) -> None:
+    """Move an end as near to zero as the fits hold where one parameter is there alone. At zero the model is another
+    one, such as a controller without an integral part.
+    """
+    for factor in NEAR_ZERO_FACTORS:
+        x = factor * dependence.center[name]
+        if dependence.compare_at({**dependence.at_center(), name: x})[0]:
+            return
+        dependence.ends[name][side] = x
 
 
 def _check_corners(dependence: ParameterDependence) -> None:

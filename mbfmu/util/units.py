@@ -41,19 +41,21 @@ SYMBOLS = {
 }
 
 UNIT_FACTOR_PATTERN = re.compile(r"(^|[./])(1|[A-Za-z]+)(-?\d{1,2})?(?=[./]|$)")
+DIVISOR_PATTERN = re.compile(r"/\(([^()/]+)\)")
 
 
 def read_unit(text: str) -> Unit:
-    """Return what a unit written as ``a.b2/c/d`` means.
+    """Return what a unit written as ``a.b2/c/d`` or ``a.b2/(c.d)`` means.
 
     Raises
     ------
     UserError
         It is written in another way, or a symbol of it is unknown.
     """
-    parts = list(UNIT_FACTOR_PATTERN.finditer(text)) if isinstance(text, str) and text[:1] not in ("/", ".") else []
-    if not parts or "".join(part.group() for part in parts) != text or any(p.group(2) not in SYMBOLS for p in parts):
-        raise UserError(f"unit is {text!r}; allowed: such as 'N.m' or 'rad/s2', of {', '.join(SYMBOLS)}")
+    flat = DIVISOR_PATTERN.sub(lambda m: "/" + m[1].replace(".", "/"), text) if isinstance(text, str) else ""
+    parts = list(UNIT_FACTOR_PATTERN.finditer(flat)) if flat[:1] not in ("/", ".") else []
+    if not parts or "".join(part.group() for part in parts) != flat or any(p.group(2) not in SYMBOLS for p in parts):
+        raise UserError(f"unit is {text!r}; allowed: such as 'N.m', 'rad/s2' or 'N.m/(rad.s)', of {', '.join(SYMBOLS)}")
     total: Counter[str] = Counter()
     factor = 1.0
     for part in parts:

@@ -64,6 +64,17 @@ def test_numbers_within_the_ranges_are_those_of_models_built_with_them(law: str,
     assert set(inside) == {"a", "b"}
 
 
+@pytest.mark.parametrize(("branch", "least"), [(0.0, 1e-6), (1e-4, 1e-3), (0.05, 0.1)])
+def test_a_parameter_for_which_zero_is_another_model_can_be_set_near_zero(branch: float, least: float) -> None:
+    """At and below the branch, the body is pushed by another number, as by a controller without one of its parts."""
+
+    def force(a: float, b: float) -> float:
+        return a * b if a > branch else 3.0
+
+    low, _ = find_settable(pushed_by(force)).ranges["a"]
+    assert 0.5 * least < low < 2.0 * least
+
+
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 10, 11, 16, 40])
 def test_every_two_columns_have_all_pairs(count: int) -> None:
     rows = pairs_of_sides(count)
