@@ -83,8 +83,9 @@ def explain_missing_derivatives(simulation: Simulation) -> str:
     compiled = simulation.compiled
     if why := describe_real_kernels(compiled):
         return why
-    if joints_to_hold(compiled.mechanism):
-        return "events or rigid stops lock joints"
+    if locked := joints_to_hold(compiled.mechanism):
+        others = f" and {len(locked) - 1} more" if len(locked) > 1 else ""
+        return f"events or rigid stops lock the joint of body {compiled.mechanism.bodies[locked[0]].name!r}{others}"
     if len(compiled.data.state.bearings):
         return "joint friction follows the reaction of its joint"
     moving = compiled.inputs.supports()
