@@ -272,6 +272,7 @@ def no(t: float) -> float:
         (([0.0, 1.0], 1.0), r"input 'F' has \(2,\) and \(\) numbers; allowed: as many x as y"),
         (([0.0, 1.0], [1.0, [2.0]]), r"y of input 'F' is \[1.0, \[2.0\]\]; it needs numbers"),
         ([1.0], "input 'F' is .*; allowed: a finite number, a function"),
+        ("log(t - 1)", "input 'F' is .*nan.* at t = 0 s; allowed: a finite number"),
         (lambda t: np.nan, "input 'F' is nan at t = 0"),
         (lambda t: [t], r"input 'F' is \[.*at t = 0"),
         (no, r"input 'F': its function fails at t = 0 s \(KeyError"),

@@ -228,6 +228,7 @@ def declaring(what: str, decorated: bool = True) -> str:
             "'name' of model Pendulum is named as an attribute that every model has",
         ),
         ("p: float = parameter(1.0, doc=3)", "parameter 'p' of model Pendulum: doc is 3; allowed: text"),
+        ("p: str = parameter('a')", "parameter 'p' of model Pendulum: the default is the text 'a'; give all"),
         ("p: str = parameter('a', choices=('a', 'a'))", "choices are ('a', 'a'); allowed: words, each once"),
         ("p: int = parameter(1, choices=(1, 2))", "choices are (1, 2); allowed: words"),
         ("p: int = parameter(1, unit='m')", "unit is 'm', but the parameter is not a real number"),

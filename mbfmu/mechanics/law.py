@@ -47,7 +47,8 @@ def from_text(what: str, text: str, names: tuple[str, ...]) -> Callable[..., Any
     try:
         tree = ast.parse(text, mode="eval")
     except (SyntaxError, ValueError, RecursionError) as error:
-        raise UserError(f"{what} is {text[:200]!r}, which is not an expression: {error}") from error
+        reason = error.msg if isinstance(error, SyntaxError) else error
+        raise UserError(f"{what} is {text[:200]!r}, which is not an expression: {reason}") from error
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and node.id not in allowed:
             raise UserError(f"{what} is {text!r}, where {node.id!r} is not known; allowed: {', '.join(allowed)}")

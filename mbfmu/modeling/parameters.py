@@ -127,6 +127,8 @@ def check_declaration(model: str, p: Parameter) -> None:
         raise UserError(f"{what}: doc is {p.doc!r}; allowed: text")
     if not all(isinstance(c, str) and c for c in p.choices) or len(set(p.choices)) < len(p.choices):
         raise UserError(f"{what}: choices are {p.choices!r}; allowed: words, each once")
+    if isinstance(p.default, str) and not p.choices:
+        raise UserError(f"{what}: the default is the text {p.default!r}; give all allowed words with choices=(...)")
     for value in p.resolution:
         check(model, p, value)
     if p.resolution and (p.choices or isinstance(p.default, bool) or list(p.resolution) != sorted(p.resolution)):

@@ -18,6 +18,7 @@ from mbfmu.mechanics import (
     Mechanism,
     Revolute,
     RevoluteCutJoint,
+    Table,
     Translational,
     rod,
 )
@@ -216,6 +217,20 @@ def test_loops_move_according_to_lagrange(size: float, tolerance: float) -> None
     angle, gap = row(simulation, "angle", "gap")
     assert abs(angle - exact_crank(1.0, 0.1 * ((copies - 1) % 3))) < 150.0 * tolerance
     assert gap < 1e-10 * size
+    assert simulation.warning == ""
+
+
+@pytest.mark.parametrize(("copies", "tolerance"), [(0, 1e-6), (36, 1e-4)])
+def test_corners_of_a_force_are_resolved_in_the_velocity(copies: int, tolerance: float) -> None:
+    """A force rises and falls in 20 ms; its impulse is the momentum of a cart that was at rest."""
+    m = linkage(copies) if copies else swings()
+    pulse = Table((0.1, 0.11, 0.12), (0.0, 100.0, 0.0), kind="linear", beyond="hold")
+    cart = m.body("cart", m.ground, Translational(axis="x"), mass=1.0)
+    m.force("pulse", JointForce(pulse), cart)
+    m.output("rate", cart.rate())
+    simulation = of(m, tolerance=tolerance)
+    assert simulation.advance(0.2).ok
+    assert row(simulation, "rate")[0] == pytest.approx(1.0, abs=30.0 * tolerance)
     assert simulation.warning == ""
 
 

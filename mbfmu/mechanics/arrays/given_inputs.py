@@ -113,7 +113,8 @@ class GivenInput:
         """Return its value at t, s; UserError where that is no finite number."""
         if self.is_function:
             try:
-                found = self._function(t)
+                with np.errstate(all="ignore"):  # a value that is not finite is reported below
+                    found = self._function(t)
             except Exception as error:
                 raise UserError(
                     f"{self._what}: its function fails at t = {t:.9g} s ({type(error).__name__}: {error}). A function "

@@ -72,6 +72,7 @@ def take_step(integration: Any, target: float) -> int:
             return COLLAPSED if code == OK else code
     whole, longer = h >= control.h, next_step_size(h, error, control)
     control.last_error, control.last_error_step = max(error, MIN_RECORDED_ERROR), h
+    control.last_rate_error = control.rate_error
     accept_step(h, after, memory, integration.work.stage)
     record_state(integration)
     control.h = longer if whole else max(control.h, longer)

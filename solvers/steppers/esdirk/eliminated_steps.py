@@ -19,7 +19,7 @@ import numpy as np
 from solvers.compiled.kernel import inlined, kernel
 from solvers.compiled.record import f8
 from solvers.outcome import COLLAPSED, NOT_FINITE, OK
-from solvers.positions import count_velocities
+from solvers.positions import as_slope, count_velocities
 from solvers.steppers.eliminated import tolerance_scale
 from solvers.steppers.eliminated_newton import (
     apply_preconditioner,
@@ -38,6 +38,8 @@ from .formulas import (
     A,
     C,
     estimate_error,
+    estimate_rate_error,
+    has_corner,
     record_energy,
     set_state_tolerances,
 )
@@ -51,6 +53,8 @@ from .steps import (
     MIN_SQUARED_MOTION,
     NEGLIGIBLE_CORRECTION,
     ROUNDING_OF_CORRECTIONS,
+    VELOCITY_TOLERANCE_RATIO,
+    larger_or_nan,
 )
 
 if TYPE_CHECKING:
@@ -153,7 +157,16 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
         return COLLAPSED, np.inf
     copy_closed(integration)
     estimate_error(h, memory, stage)
-    return OK, filter_error(c, integration)
+    filter_error(c, integration)
+    moving = count_velocities(newton.work.positions, stage.tol.shape[0])
+    error = largest_error(1.0, stage.tol.shape[0], integration)
+    estimate_rate_error(h, memory, stage)
+    as_slope(stage.q, stage.dq, stage, stage.slope)
+    for k in range(stage.states.shape[0]):
+        stage.dq[stage.states[k]] = 0.0
+    filter_error(c, integration)
+    control.rate_error = largest_error(VELOCITY_TOLERANCE_RATIO * settings.rate, moving, integration)
+    return OK, larger_or_nan(error, control.rate_error) if has_corner(h, control) else error
 
 
 @kernel
@@ -241,8 +254,8 @@ def store_stage(i: int, t: float, c: float, integration: Integration) -> None:
 
 
 @kernel
-def filter_error(c: float, integration: Integration) -> float:
-    """The largest error in tolerances by the difference of two formulas, stage.slope (nq,). As a motion e (n,) its part
+def filter_error(c: float, integration: Integration) -> None:
+    """dtheta <- the error stage.slope (nq,), and stage.dq of first-order states. As a motion e (n,) its part
     that the constraints allow is filtered by (c^2 M + c D + K)^-1 (c^2 M + c D). Without D e, slow motions against
     strong dampers would count too little. The other part is left as it is: it is that of driven motions.
     """
@@ -255,11 +268,14 @@ def filter_error(c: float, integration: Integration) -> float:
         z = work.stage.states[k]
         work.r[nq + z] = c * c * work.stage.dq[z]
     apply_preconditioner(work.y, work.r, work.z, work.newton)
-    largest = 0.0
-    for i in range(own.dtheta.shape[0]):
-        part = abs(own.dtheta[i]) / work.stage.tol[i]
-        if not part <= largest:
-            largest = part
+
+
+@inlined
+def largest_error(scale: float, count: int, integration: Integration) -> float:
+    """The largest of the first ``count`` filtered errors, in tolerances of the coordinates times ``scale``."""
+    dtheta, tol, largest = integration.work.newton.work.dtheta, integration.work.stage.tol, 0.0
+    for i in range(count):
+        largest = larger_or_nan(largest, abs(dtheta[i]) / (scale * tol[i]))
     return largest
 
 

@@ -36,6 +36,8 @@ from .formulas import (
     Stage,
     correct_stage,
     estimate_error,
+    estimate_rate_error,
+    has_corner,
     move_stage,
     predict_residual,
     predict_stage,
@@ -65,6 +67,7 @@ NEGLIGIBLE_CORRECTION = 0.02  # of the tolerance of a stage: a correction that n
 FACTOR_REUSE_TOLERANCE = 1e-3  # part by which 1 / (h gamma) may be off that of the factors
 # Of the tolerance of a coordinate that of a node, whose error is the sum of those of all joints before it.
 NODE_TOLERANCE_FACTOR = 0.4
+VELOCITY_TOLERANCE_RATIO = 3.0  # tolerance of a velocity to that of its coordinate, in units of the rate of the motion
 RTOL_EXPONENT = 1.3  # of the tolerance of a step, as that of the motion
 
 
@@ -181,11 +184,34 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
         store_stage(eqs, i, at, c, settings.works, memory, stage)
     code = close_step(after, integration)
     estimate_error(h, memory, stage)
+    filter_error(c, integration)
+    error = measure_error(stage.newton_x, integration)
+    if not is_mesh_only(work):
+        estimate_rate_error(h, memory, stage)
+        filter_error(c, integration)
+        control.rate_error = measure_rate_error(stage.newton_x, integration)
+        if has_corner(h, control):
+            error = larger_or_nan(error, control.rate_error)
+    return code, error
+
+
+@inlined
+def is_mesh_only(work: Any) -> bool:
+    """Whether all coordinates are those of a mesh, whose rates are not controlled."""
+    for k in range(count_velocities(work.positions, work.mesh_mask.shape[0])):
+        if work.mesh_mask[k] == 0.0:
+            return False
+    return True
+
+
+@inlined
+def filter_error(c: float, integration: Integration) -> None:
+    """stage.newton_x <- the part of the error stage.dq (n,) in modes that the step resolves."""
+    eqs, work, stage = integration.eqs, integration.work, integration.work.stage
     eqs.multiply_mass_matrix(stage.dq, eqs.tangent, stage.tau)
     for k in range(stage.tau.shape[0]):
         stage.tau[k] *= c**2
     solve_saddle(eqs, stage.tau, stage.no_multipliers, work.saddle, stage.newton_x, stage.newton_y)
-    return code, measure_error(stage.newton_x, integration)
 
 
 @inlined
@@ -210,6 +236,16 @@ def measure_error(dq: Reals, integration: Integration) -> float:
     eqs.mesh_motion(dq, work.mesh_mask, eqs.data, work.node_motion)
     size = larger_or_nan(work.node_motion[0] / settings.mesh_length, work.node_motion[1])
     return larger_or_nan(largest, size / settings.node_tolerance)
+
+
+@inlined
+def measure_rate_error(dv: Reals, integration: Integration) -> float:
+    """The largest error in tolerances by a change dv (n,) of velocities, of coordinates of no mesh."""
+    work, rate, largest = integration.work, VELOCITY_TOLERANCE_RATIO * integration.settings[0].rate, 0.0
+    for k in range(count_velocities(work.positions, dv.shape[0])):
+        if work.mesh_mask[k] == 0.0:
+            largest = larger_or_nan(largest, abs(dv[k]) / (rate * work.stage.tol[k]))
+    return largest
 
 
 @inlined

@@ -7,10 +7,16 @@ but where there is friction; loads that follow the bodies cost some more of them
 makes up for most of what has changed since: a factorization costs as much as twenty of them. Cut joints are held by the
 accelerations of every stage, with the tree's saddle system; where a step ends it is brought onto them.
 
-Positions alone are controlled: their error is filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of it what the
-method damps. In meshes it is measured at the nodes, as displacement and rotation: the error of a node is the sum of
-those of all joints before it, and that of one joint depends on the distance of its nodes. So the steps do not depend
-on how fine a mesh is. A step is kept as long as the last one unless it must be shorter or may be twice as long, since
+The errors of positions are controlled. They are filtered by (c^2 M + c D + K)^-1 c^2 M, which leaves out of them what
+the method damps. In meshes they are measured at the nodes, as displacement and rotation: the error of a node is the sum
+of those of all joints before it, and that of one joint depends on the distance of its nodes. So the steps do not depend
+on how fine a mesh is.
+
+Errors of velocities outside meshes are controlled only at corners of the forces: in steps in which they are far above
+the error that follows from the last step if the motion is smooth. A corner causes an error of the position that is
+small in its step and grows afterwards. In smooth motion, vibrations that the method damps would make the steps short.
+
+A step is kept as long as the last one unless it must be shorter or may be twice as long, since
 another length needs other factors.
 
 A step may pass the requested time, and is interpolated. After a jump of the loads the next ones end there: what a step
