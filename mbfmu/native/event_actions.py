@@ -146,7 +146,7 @@ def note_free_sensors(events: EventMemory, search: EventSearch, rtol: float) -> 
         depth = search.directions[k] * search.points[HERE, VALUES + k]
         if depth < 0.0:
             events.beyond[k] = 0
-        elif events.beyond[k] > 0 and depth > events.depths[k] + search.bands[k] + rtol * events.nominals[k]:
+        elif events.beyond[k] > 0 and depth > events.depths[k] + rtol * events.nominals[k]:
             stop_at_rest(events, k, events.sensed[k])
 
 
