@@ -424,7 +424,10 @@ class DenseEquilibriumSolver(EquilibriumSolver):
 
     def _newton(self, t: float, at: Unknowns, c2: float, mass: float) -> tuple[Outcome, Unknowns, Array, int]:
         found, report = Unknowns(at.q.copy(), at.lam.copy()), np.zeros(1)
-        outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, mass, self._scratch, report))
+        try:
+            outcome = Outcome(newton(self._eqs, t, *found, self.rows, c2, mass, self._scratch, report))
+        except ZeroDivisionError:  # of complex numbers; of real numbers the quotient is infinite
+            outcome = Outcome(NOT_FINITE)
         return outcome, found, self._moved.copy(), int(report[0])
 
     def _is_far_from_start(self, moved: Array) -> bool:
