@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from solvers.compiled.kernel import inlined
 from solvers.compiled.template import require_hooks, specialize
 from solvers.outcome import COLLAPSED, OK
@@ -54,6 +56,7 @@ def take_step(integration: Any, target: float) -> int:
     settings, memory = integration.settings[0], integration.memory
     control = memory.control[0]
     set_tolerances(integration)
+    control.rejected_rate_error = np.inf
     while True:
         control.h = min(control.h, settings.max_step)
         h, after = control.h, control.t + control.h
@@ -65,6 +68,7 @@ def take_step(integration: Any, target: float) -> int:
             break
         control.rejected += 1
         if code == OK:
+            control.rejected_rate_error = control.rate_error
             control.h = h * step_factor(h, error, 0.0, 0.0, ESDIRK_EXPONENT, MAX_STEP_CHANGE)
         else:
             control.h, control.failed_step, control.retry_steps = 0.5 * h, h, RETRY_STEPS

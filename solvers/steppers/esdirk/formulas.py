@@ -62,9 +62,7 @@ EMBEDDED_WEIGHTS = np.array(  # weights of order 2
 )
 MAX_STAGE_CORRECTIONS = 20  # corrections of a stage
 DIFFERENCE_RATIO = 1e-3  # part of the way to a first guess, over which the equations are linear
-CORNER_VELOCITY_ERROR_RATIO = (
-    10.0  # error of the velocities in units of the one that is expected, above which it is controlled
-)
+CORNER_VELOCITY_ERROR_RATIO = 10.0  # error of velocities over the expected one, above which it is controlled
 MIN_INDEPENDENT_RATIO = 1e-4  # part of a change of corrections that must be left after removal of the others
 CONTROL = np.dtype(
     [
@@ -72,6 +70,7 @@ CONTROL = np.dtype(
         ("t", "f8"), ("h", "f8"), ("hold", "f8"),  # s: where it stands, the next step, the last one
         ("last_error", "f8"), ("last_error_step", "f8"),  # of the last step; its size, s; 0: none
         ("rate_error", "f8"), ("last_rate_error", "f8"),  # of velocities, by the last attempt and the last step
+        ("rejected_rate_error", "f8"),  # by the attempt before, of the same step; inf: none
         ("failed_step", "f8"), ("retry_steps", "i8"),  # step size, s, at which Newton failed; wait for it
         ("start", "i8"),  # 1: the slopes are to be evaluated again
         ("truncated_steps", "i8"),  # number of steps that are yet to end at the requested time
@@ -381,12 +380,14 @@ def estimate_rate_error(h: float, memory: Any, stage: Any) -> None:
 @inlined
 def has_corner(h: float, control: Any) -> bool:
     """Whether the velocity error of a step of h is far above the one that follows from the last step if the motion is
-    smooth.
+    smooth, and a shorter step makes it smaller. What remains of Newton's method in the velocities does not become
+    smaller.
     """
-    last = control.last_error_step
-    return (
-        last > 0.0 and not control.rate_error <= CORNER_VELOCITY_ERROR_RATIO * control.last_rate_error * (h / last) ** 3
-    )
+    last, error = control.last_error_step, control.rate_error
+    if last == 0.0 or error >= control.rejected_rate_error:
+        return False
+    expected = control.last_rate_error * (h / last) ** 3
+    return not error <= CORNER_VELOCITY_ERROR_RATIO * expected
 
 
 @inlined

@@ -186,7 +186,7 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
     estimate_error(h, memory, stage)
     filter_error(c, integration)
     error = measure_error(stage.newton_x, integration)
-    if not is_mesh_only(work):
+    if not has_mesh(work):
         estimate_rate_error(h, memory, stage)
         filter_error(c, integration)
         control.rate_error = measure_rate_error(stage.newton_x, integration)
@@ -196,12 +196,12 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
 
 
 @inlined
-def is_mesh_only(work: Any) -> bool:
-    """Whether all coordinates are those of a mesh, whose rates are not controlled."""
-    for k in range(count_velocities(work.positions, work.mesh_mask.shape[0])):
-        if work.mesh_mask[k] == 0.0:
-            return False
-    return True
+def has_mesh(work: Any) -> bool:
+    """Whether some coordinates are those of a mesh: its contacts begin and end in most steps."""
+    for k in range(work.mesh_mask.shape[0]):
+        if work.mesh_mask[k] != 0.0:
+            return True
+    return False
 
 
 @inlined
@@ -240,11 +240,10 @@ def measure_error(dq: Reals, integration: Integration) -> float:
 
 @inlined
 def measure_rate_error(dv: Reals, integration: Integration) -> float:
-    """The largest error in tolerances by a change dv (n,) of velocities, of coordinates of no mesh."""
+    """The largest error in tolerances by a change dv (n,) of velocities."""
     work, rate, largest = integration.work, VELOCITY_TOLERANCE_RATIO * integration.settings[0].rate, 0.0
     for k in range(count_velocities(work.positions, dv.shape[0])):
-        if work.mesh_mask[k] == 0.0:
-            largest = larger_or_nan(largest, abs(dv[k]) / (rate * work.stage.tol[k]))
+        largest = larger_or_nan(largest, abs(dv[k]) / (rate * work.stage.tol[k]))
     return largest
 
 

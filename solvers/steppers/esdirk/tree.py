@@ -12,12 +12,13 @@ the method damps. In meshes they are measured at the nodes, as displacement and 
 of those of all joints before it, and that of one joint depends on the distance of its nodes. So the steps do not depend
 on how fine a mesh is.
 
-Errors of velocities outside meshes are controlled only at corners of the forces: in steps in which they are far above
-the error that follows from the last step if the motion is smooth. A corner causes an error of the position that is
-small in its step and grows afterwards. In smooth motion, vibrations that the method damps would make the steps short.
+Errors of velocities are controlled only at corners of the forces: in steps in which they are far above the error that
+follows from the last step if the motion is smooth. A corner causes an error of the position that is small in its step
+and grows afterwards. In smooth motion, vibrations that the method damps would make the steps short. So would the
+contacts of meshes, which begin and end in most steps; velocities are not controlled where there is a mesh.
 
-A step is kept as long as the last one unless it must be shorter or may be twice as long, since
-another length needs other factors.
+A step is kept as long as the last one unless it must be shorter or may be twice as long, since another length needs
+other factors.
 
 A step may pass the requested time, and is interpolated. After a jump of the loads the next ones end there: what a step
 needs of the one before it are its accelerations alone.
