@@ -197,7 +197,7 @@ def try_step(h: float, after: float, integration: Integration) -> tuple[int, flo
 
 @inlined
 def has_mesh(work: Any) -> bool:
-    """Whether some coordinates are those of a mesh: its contacts begin and end in most steps."""
+    """Whether some coordinates are those of a mesh: forces on it begin and end in most steps."""
     for k in range(work.mesh_mask.shape[0]):
         if work.mesh_mask[k] != 0.0:
             return True

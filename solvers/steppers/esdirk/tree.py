@@ -14,8 +14,8 @@ on how fine a mesh is.
 
 Errors of velocities are controlled only at corners of the forces: in steps in which they are far above the error that
 follows from the last step if the motion is smooth. A corner causes an error of the position that is small in its step
-and grows afterwards. In smooth motion, vibrations that the method damps would make the steps short. So would the
-contacts of meshes, which begin and end in most steps; velocities are not controlled where there is a mesh.
+and grows afterwards. In smooth motion, vibrations that the method damps would make the steps short. So would the forces
+on meshes, which begin and end in most steps: velocities are not controlled where there is a mesh.
 
 A step is kept as long as the last one unless it must be shorter or may be twice as long, since another length needs
 other factors.
